@@ -106,8 +106,6 @@ def _of_supertiles(config: AcceleratorConfig) -> AcceleratorConfig:
     eye."""
     return config if config.supertiles else config.with_(
         order=V3.order, chunks=V3.chunks, records=V3.records, lists=SUPERTILES.lists, stereo=False)
-    """The machine, or where its lists belong to tiles the same one with those of SUPERTILES."""
-    return config if config.supertiles else _of_compact(config).with_(lists=SUPERTILES.lists, stereo=False)
 
 
 UNITS: dict[str, Unit] = {

@@ -7,15 +7,17 @@ and ends others early; no pixel depends on it.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from golden.msv2_ref.buckets import next_bounds, no_bounds
 from golden.msv2_ref.fetch import find_misses
 from golden.msv2_ref.frame_memory import records_at
 from golden.msv2_ref.pipeline import Frame
-from golden.msv2_ref.supertiles import Pairs, SuperGrid, super_grid
+from golden.msv2_ref.supertiles import Pairs, SuperGrid, list_counts, merge_lists, super_grid
 from spec.chunks import PLACE_BITS
 from spec.constants import MAX_LEVELS, SUPER_TILES, SUPER_X, SUPER_Y
 from spec.supertiles import HEADER_WAYS, SEQUENCE_BITS, batch_place, supertile, tile_visit, visit_entry
@@ -95,6 +97,21 @@ def cut_batches(start: np.ndarray, places: np.ndarray, batch_places: int) -> Bat
             finals.append(final)
             begin = after
     return Batches(np.array(supertiles, np.int64), np.array([*starts, start[-1]], np.int64), np.array(finals, bool))
+
+
+def following(frame: Frame, before: Frame, beta: int | None) -> Frame:
+    """The frame as a machine renders it after another one: with the bounds that this one leaves, and so with other lists and
+    groups. Bounds hold for frames of as many super-tiles only.
+
+    Args:
+        frame: the frame, with any bounds.
+        before: the frame before it, on the same machine.
+        beta: the merge threshold that the frame was rendered with.
+    """
+    bounds = next_bounds(before.config, before.pairs.start, before.pairs.depth_key)
+    if bounds.supertiles != len(frame.pairs.start) - 1:
+        bounds = no_bounds(len(frame.pairs.start) - 1)
+    return replace(frame, bounds=bounds, groups=merge_lists(frame.config, list_counts(frame.pairs, bounds), beta))
 
 
 class FrameBatches:

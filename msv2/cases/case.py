@@ -193,6 +193,7 @@ class Case:
         rtl: whether the integer renderer's frames are played through the machine.
         eyes: by name, the frames of two eyes (`msv2.cases.eyes.TwoEyes`) that the machine plays; None if the case has none.
         chunks: by name, the frames of models in chunks (`msv2.cases.chunks.InChunks`); None if the case has none.
+        supertiles: by name, the frames of super-tiles (`msv2.cases.supertiles.InSuperTiles`); None if the case has none.
     """
 
     number: int
@@ -208,6 +209,7 @@ class Case:
     rtl: bool = True
     eyes: Callable[[], Mapping[str, Any]] | None = None
     chunks: Callable[[], Mapping[str, Any]] | None = None
+    supertiles: Callable[[], Mapping[str, Any]] | None = None
 
     @property
     def id(self) -> str:

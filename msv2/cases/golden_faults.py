@@ -13,7 +13,7 @@ from unittest import mock
 import numpy as np
 
 from golden.host import compact
-from golden.msv2_ref import array_kernel, chunk_test, pipeline, projection, tile_merge, warp
+from golden.msv2_ref import array, array_kernel, batches, chunk_test, pipeline, projection, tile_merge, warp
 from golden.oracle import project as oracle_project
 from golden.scenes.model import GaussianModel
 from msv2.cases.check import Cell, cell
@@ -102,6 +102,7 @@ def _groups_without_end(counts: np.ndarray, tiles_x: int, beta: int) -> np.ndarr
     return 2 * _merge(counts, tiles_x, beta)
 
 
+_visits, _batches = array.render_visits, batches.cut_batches
 _merge, _disparity, _colours, _oracle_colours, _select = (
     tile_merge.merge_tiles, warp.raw_disparity, pipeline.splat_colours, oracle_project.colour_per_level,
     GaussianModel.select)
@@ -109,6 +110,17 @@ _merge, _disparity, _colours, _oracle_colours, _select = (
 
 def _wrapping_counters(hits: np.ndarray, tiles: int, count_bits: int) -> tuple[np.ndarray, bool, bool]:
     return np.bincount(hits[hits < tiles], minlength=tiles) % (1 << count_bits), False, False
+
+
+def _always_fresh(config, visits: np.ndarray, entries: np.ndarray, background: np.ndarray) -> array.Pixels:
+    visits["fresh"] = 1
+    return _visits(config, visits, entries, background)
+
+
+def _no_empty_batches(start: np.ndarray, places: np.ndarray, batch_places: int) -> batches.Batches:
+    of = _batches(start, places, batch_places)
+    kept = np.diff(of.start) > 0
+    return batches.Batches(of.supertile[kept], np.append(of.start[:-1][kept], of.start[-1]), of.final[kept])
 
 
 def _no_depth_of_zero(config, transmittance: np.ndarray, depth: np.ndarray, scale: int) -> np.ndarray:
@@ -190,6 +202,10 @@ FAULTS = (
           replaced(("golden.host.compact._encode_dc", _smallest_range))),
     Fault("the model keeps the order of its file", "golden", "shuffled-coincident-points",
           replaced(("golden.host.quantise.memory_order", lambda config, geometry, *_: np.arange(len(geometry))))),
+    Fault("a tile's state starts anew in every batch", "golden", "one-bank-stopped",
+          replaced(("msv2.cases.supertiles.render_visits", _always_fresh))),
+    Fault("super-tiles without pairs have no batch", "golden", "empty-super-tiles",
+          replaced(("golden.msv2_ref.batches.cut_batches", _no_empty_batches))),
     Fault("colours are not filtered with the rest", "oracle", "fields-stay-aligned",
           replaced(("golden.scenes.model.GaussianModel.select", _without_colours))),
     Fault("nothing is not finite", "oracle", "nan-scale-or-rotation",

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from msv2.cases import chunks, colour, compact, coverage, eyes, inputs, order, projection, saturated, self_check
+from msv2.cases import chunks, colour, compact, coverage, eyes, inputs, order, projection, saturated, self_check, supertiles
 from msv2.cases.case import Case
 
 CASES: tuple[Case, ...] = tuple(sorted(
-    (case for part in (projection, coverage, inputs, colour, saturated, order, eyes, self_check, chunks, compact)
+    (case for part in (
+        projection, coverage, inputs, colour, saturated, order, eyes, self_check, chunks, compact, supertiles)
      for case in part.CASES),
     key=lambda case: case.id))
 

@@ -10,13 +10,15 @@ from msv2.cases.case import GOLDEN, Case
 from msv2.cases.check import MACHINE, Cell, see_golden
 from msv2.cases.chunks import CHUNK_MACHINE
 from msv2.cases.eyes import STEREO_MACHINE
+from msv2.cases.supertiles import SUPER_MACHINE
 from spec.config import AcceleratorConfig
 from tb.common.runner import SimulationError
 from tb.top.planned import PlannedFrame, planned
 from tb.top.stimuli import Case as Played
 from tb.top.suite import run_plan
 
-MACHINES: Mapping[str, AcceleratorConfig] = {"one eye": MACHINE, "two eyes": STEREO_MACHINE, "chunks": CHUNK_MACHINE}
+MACHINES: Mapping[str, AcceleratorConfig] = {
+    "one eye": MACHINE, "two eyes": STEREO_MACHINE, "chunks": CHUNK_MACHINE, "super-tiles": SUPER_MACHINE}
 """The configurations that play cases."""
 
 
@@ -33,10 +35,10 @@ def frames_of(case: Case) -> dict[str, list[PlannedFrame]]:
     if case.eyes is not None:
         for name, eyes in case.eyes().items():
             found["two eyes"].append(planned(Played(f"{case.id}: {name}", eyes.frame, None, False), reset=False, poison=False))
-    if case.chunks is not None:
-        for name, shot in case.chunks().items():
+    for machine, frames in (("chunks", case.chunks), ("super-tiles", case.supertiles)):
+        for name, shot in (frames() if frames is not None else {}).items():
             played = Played(f"{case.id}: {name}", shot.check(name), None, False)
-            found["chunks"].append(planned(played, reset=False, poison=False))
+            found[machine].append(planned(played, reset=False, poison=False))
     return {machine: frames for machine, frames in found.items() if frames}
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import cast
+from typing import NamedTuple, cast
 
 from amaranth.hdl import Cat, Const, Mux, Value, signed
 
 from rtl.culling.dataflow import Dataflow, Node
 from spec import tables
-from spec.config import AcceleratorConfig
+from spec.config import AcceleratorConfig, NumberFormats
 from spec.constants import TILE, TILE_EDGE_MARGIN, TILE_REACH_MARGIN
 from spec.formats import Fixed, SmallFloat
 from spec.memory import frame_settings
@@ -54,7 +54,30 @@ def _as(x: Value, number: SmallFloat, to: SmallFloat) -> Value:
     return Cat(Const(0, to.sig_bits - number.sig_bits), fraction, biased, x[-1])
 
 
-class _Ellipse:
+class SplatEllipse(NamedTuple):
+    """What the test of a row needs of a splat.
+
+    Attributes:
+        mean_x, mean_y: its mean.
+        l2, l3: Cholesky factors.
+        limit, faint: the falloff limit, and whether the splat is too faint to be visible.
+        narrow: 1 / l1.
+        rim: how far the ellipse reaches along y.
+        steep: y of its leftmost point.
+    """
+
+    mean_x: Node
+    mean_y: Node
+    l2: Node
+    l3: Node
+    limit: Node
+    faint: Node
+    narrow: Node
+    rim: Node
+    steep: Node
+
+
+class Ellipse:
     """The graph under construction, and the steps from which it is built."""
 
     def __init__(self, config: AcceleratorConfig) -> None:
@@ -126,6 +149,32 @@ class _Ellipse:
             _ordered(x) > _ordered(high), high, _larger(x, low)), steep, low, high)
 
 
+    def splat(
+        self, l1: Node, l2: Node, l3: Node, mean_x: Node, mean_y: Node, opacity: Node, other: Node,
+    ) -> SplatEllipse:
+        """What does not depend on the row."""
+        g, work, view = self.g, self.work, self.view
+        limit, faint = self.limit(opacity, other)
+        root, rise, narrow = g.sqrt(limit, work), self.inverse(l3), self.inverse(l1)
+        squares = g.add(self.mul(l2, l2, work), self.mul(l3, l3, work), work)
+        slant = self.mul(self.mul(l2, g.rsqrt(squares, work), work), rise, work)
+        rim, steep = self.mul(root, rise, view), self.mul(root, slant, view)
+        return SplatEllipse(mean_x, mean_y, l2, l3, limit, faint, narrow, rim, steep)
+
+    def edges(self, s: SplatEllipse, row: Node, height: Node) -> tuple[Node, Node, Node]:
+        """The distances from the mean to the left and the right edge in a row, and whether nothing of it is met."""
+        g, view = self.g, self.view
+        bottom, top = self.rows(row, s.mean_y, height)
+        missed = g.logic("missed", 1, lambda low, high, rim, below: (_ordered(low) > _ordered(rim)) | (
+            _ordered(high) < _ordered(below)), bottom, top, s.rim, g.negative(s.rim))
+        low = g.logic("lowest", view, _larger, bottom, g.negative(s.rim))
+        high = g.logic("highest", view, _smaller, top, s.rim)
+        left = self.reach(self.clamped("leftmost", s.steep, low, high), s.narrow, s.l2, s.l3, s.limit)
+        right = self.reach(
+            self.clamped("rightmost", s.steep, g.negative(high), g.negative(low)), s.narrow, s.l2, s.l3, s.limit)
+        return left, right, g.logic("hidden", 1, lambda a, b: a | b, s.faint, missed)
+
+
 def tile_columns(config: AcceleratorConfig) -> Dataflow:
     """The graph of the ellipse test; each slot is one run of tiles.
 
@@ -138,41 +187,60 @@ def tile_columns(config: AcceleratorConfig) -> Dataflow:
     point lies at y = sqrt(limit) l2 / (l3 sqrt(l2^2 + l3^2)), its rightmost point opposite. At height y its left edge lies at a
     distance of (u + l2 y) / l1 from the mean, with u = sqrt(limit - v^2).
     """
-    e = _Ellipse(config)
-    g, n, work, view = e.g, e.formats, e.work, e.view
-    l1, l2, l3 = (g.input(name, n.conic) for name in ("l1", "l2", "l3"))
-    mean_x, mean_y = g.input("mean_x", n.mean2d), g.input("mean_y", n.mean2d)
+    e = Ellipse(config)
+    g, n = e.g, e.formats
+    conic, mean = _splat_inputs(g, n)
     row = g.input("row", uint(TILE_BITS))
     opacity, other = g.input("opacity", n.log2_opacity), g.input("other_opacity", n.log2_opacity)
-    size = {field.name: field.format for field in frame_settings(config).fields}
-    width, height = g.setting("width", size["width"]), g.setting("height", size["height"])
-
-    limit, faint = e.limit(opacity, other)
-    root, rise, narrow = g.sqrt(limit, work), e.inverse(l3), e.inverse(l1)
-    squares = g.add(e.mul(l2, l2, work), e.mul(l3, l3, work), work)
-    slant = e.mul(e.mul(l2, g.rsqrt(squares, work), work), rise, work)
-    rim, steep = e.mul(root, rise, view), e.mul(root, slant, view)
-
-    bottom, top = e.rows(row, mean_y, height)
-    missed = g.logic("missed", 1, lambda low, high, rim, below: (_ordered(low) > _ordered(rim)) | (
-        _ordered(high) < _ordered(below)), bottom, top, rim, g.negative(rim))
-    low = g.logic("lowest", view, _larger, bottom, g.negative(rim))
-    high = g.logic("highest", view, _smaller, top, rim)
-    left = e.reach(e.clamped("leftmost", steep, low, high), narrow, l2, l3, limit)
-    right = e.reach(e.clamped("rightmost", steep, g.negative(high), g.negative(low)), narrow, l2, l3, limit)
-    _columns(g, n.mean2d, width, mean_x, left, right, g.logic("hidden", 1, lambda a, b: a | b, faint, missed))
+    width, height = _size_settings(g, config)
+    splat = e.splat(*conic, *mean, opacity, other)
+    _columns(g, n.mean2d, width, splat.mean_x, *e.edges(splat, row, height))
     return g
 
 
-def _columns(g: Dataflow, mean2d: Fixed, width: Node, mean: Node, left: Node, right: Node, hidden: Node) -> None:
+def _splat_inputs(g: Dataflow, n: NumberFormats) -> tuple[tuple[Node, ...], tuple[Node, ...]]:
+    """The inputs l1, l2, l3, and mean_x, mean_y."""
+    conic = tuple(g.input(name, n.conic) for name in ("l1", "l2", "l3"))
+    return conic, tuple(g.input(name, n.mean2d) for name in ("mean_x", "mean_y"))
+
+
+def _size_settings(g: Dataflow, config: AcceleratorConfig) -> tuple[Node, Node]:
+    """The settings width and height."""
+    size = {field.name: field.format for field in frame_settings(config).fields}
+    return g.setting("width", size["width"]), g.setting("height", size["height"])
+
+
+def row_columns(config: AcceleratorConfig, rows: int) -> Dataflow:
+    """The graph of the same test for neighbouring rows of tiles, which share all that does not depend on the row. Each slot is
+    a splat.
+
+    Inputs: l1, l2, l3, mean_x, mean_y as above; row_0, row_1, ...: the rows; opacity: the opacity in tiles of any level.
+    Settings: width, height.
+    Outputs: first_0, last_0, none_0, first_1, ...: as above for each of the rows.
+    """
+    e = Ellipse(config)
+    g, n = e.g, e.formats
+    conic, mean = _splat_inputs(g, n)
+    at = [g.input(f"row_{i}", uint(TILE_BITS)) for i in range(rows)]
+    opacity = g.input("opacity", n.log2_opacity)
+    width, height = _size_settings(g, config)
+    splat = e.splat(*conic, *mean, opacity, opacity)
+    for i, row in enumerate(at):
+        _columns(g, n.mean2d, width, splat.mean_x, *e.edges(splat, row, height), suffix=f"_{i}")
+    return g
+
+
+def _columns(
+    g: Dataflow, mean2d: Fixed, width: Node, mean: Node, left: Node, right: Node, hidden: Node, *, suffix: str = "",
+) -> None:
     """Makes the outputs from the distances between the mean and the ellipse's left and right edges."""
     frac, margin, pixel = mean2d.frac_bits, _raw(TILE_EDGE_MARGIN, mean2d), uint(width.to.width)
     half, whole = 1 << frac - 1, mean2d.int_bits + 3  # enough for a signed sum of three such numbers
     first = g.logic("first_pixel", Fixed(whole, 0, True), lambda mean, x: (mean - x + (half - 1 - margin)) >> frac, mean, left)
     last = g.logic("last_pixel", Fixed(whole, 0, True), lambda mean, x: (mean + x - (half - margin)) >> frac, mean, right)
     edge = g.logic("edge", pixel, lambda last, width: Mux(last < width, last, width - 1)[: pixel.width], last, width)
-    g.output("none", g.logic("none", 1, lambda first, last, hidden, width: (
+    g.output(f"none{suffix}", g.logic("none", 1, lambda first, last, hidden, width: (
         hidden | (first > last) | (first >= width) | last[-1]), first, last, hidden, width))
-    g.output("first", g.logic("first", uint(TILE_BITS), lambda x: Mux(
+    g.output(f"first{suffix}", g.logic("first", uint(TILE_BITS), lambda x: Mux(
         x[-1], 0, x[_TILE_PLACES:][:TILE_BITS]), first))
-    g.output("last", g.view("last", uint(TILE_BITS), lambda x: x[_TILE_PLACES:][:TILE_BITS], edge))
+    g.output(f"last{suffix}", g.view("last", uint(TILE_BITS), lambda x: x[_TILE_PLACES:][:TILE_BITS], edge))

@@ -53,7 +53,7 @@ class BatchBuffer(wiring.Component):
 
     Storage: 2 x batch_places records, for PAPER's formats of 222 bits, in one memory that is read and written in the same cycle
     in different halves; that of BatchMasks; two super-tiles of about 1,000 bits, and two visits. Throughput: one place and one
-    entry a cycle, together; between two batches no place is taken for 3 cycles; a visit takes one cycle more than it has
+    entry a cycle, together; between two batches no place is taken for 2 cycles; a visit takes one cycle more than it has
     entries. Latency: LATENCY cycles from a batch's last place to its first entry.
     """
 

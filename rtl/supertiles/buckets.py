@@ -6,6 +6,7 @@ from amaranth.hdl import Module
 from amaranth.lib import wiring
 
 from rtl.supertiles.bucket_ports import bucket_ports
+from rtl.supertiles.depth_buckets import DepthBuckets
 from spec.config import AcceleratorConfig
 from spec.records import tile_group
 
@@ -39,4 +40,4 @@ class SingleLists(wiring.Component):
 
 def depth_buckets(config: AcceleratorConfig) -> wiring.Component:
     """The unit that gives pairs their lists in this machine; its ports are `bucket_ports`."""
-    return SingleLists(config)
+    return DepthBuckets(config) if config.buckets else SingleLists(config)

@@ -1,4 +1,4 @@
-"""Turns the runs of splats into pairs: one for every super-tile in which a splat has an intersection."""
+"""Turns the tested groups of splats into pairs: one for every super-tile in which a splat has an intersection."""
 
 from __future__ import annotations
 
@@ -6,17 +6,15 @@ from amaranth.hdl import Cat, Module, Mux, Signal, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.culling.level_table import GROUP_PLACES
 from rtl.shapes import layout
 from rtl.stream import Buffer
-from rtl.supertiles.run_clip import clipped_run
+from rtl.supertiles.group_walk import tested_group
 from spec.config import AcceleratorConfig
-from spec.constants import SUPER_X, SUPER_Y, TILE
+from spec.constants import SUPER_X, TILE
 from spec.queues import LEVEL_GROUP
 from spec.records import Record, projected_splat
 from spec.supertiles import supertile_index, supertile_pair
 
-_ROW_PLACES = SUPER_Y.bit_length() - 1
 _HALVES = LEVEL_GROUP // SUPER_X
 
 
@@ -39,20 +37,20 @@ class PairExpand(wiring.Component):
         config: the machine, with super-tiles.
 
     Ports:
-        runs: `clipped_run` items.
-        splats: `sorted_record` items, one per splat; each is taken with its splat's last run.
+        groups: `tested_group` items.
+        splats: `sorted_record` items, one per splat; each is taken with its splat's last group.
         supers_x: columns of super-tiles of the frame.
         pairs: SuperTilePair items, splat by splat, for each splat by the super-tile's number; an item with `end`, whose other
             fields are 0, after the frame's last one.
-        lives: strobe: the last run of a splat with a pair has been taken.
-        busy: runs of a splat or pairs are inside that `pairs` does not offer yet.
+        lives: strobe: the last group of a splat with a pair has been taken.
+        busy: groups of a splat or pairs are inside that `pairs` does not offer yet.
 
-    Throughput: one run and one pair a cycle: the pairs of a super-row leave while runs of the next one come. Latency: 2 cycles
-    from a super-row's last run to its first pair. The runs r0 to r3 of two super-rows, with two pairs each::
+    Throughput: one group and one pair a cycle: the pairs of a super-row leave while groups of the next one come. Latency: 2
+    cycles from a super-row's last group to its first pair. The groups g0 to g3 of two super-rows, with two pairs each::
 
-        runs        < r0 >< r1 >< r2 >< r3 >
+        groups      < g0 >< g1 >< g2 >< g3 >
         closes      _______~~~~~_______~~~~~
-        columns           < r0 >      < r2 >
+        columns           < g0 >      < g2 >
         rest                    < 2  >< 1  >< 2  >< 1  >
         pairs                         < p0 >< p1 >< p2 >< p3 >
     """
@@ -60,7 +58,7 @@ class PairExpand(wiring.Component):
     def __init__(self, config: AcceleratorConfig) -> None:
         self._columns = super_columns(config)
         super().__init__({
-            "runs": In(stream.Signature(clipped_run(config))),
+            "groups": In(stream.Signature(tested_group(config))),
             "splats": In(stream.Signature(layout(sorted_record(config)))),
             "supers_x": In(self._columns.bit_length()),
             "pairs": Out(stream.Signature(layout(supertile_pair(config)))),
@@ -94,28 +92,27 @@ class PairExpand(wiring.Component):
         return m
 
     def _collect(self, m: Module, held: data.View, rest: Signal, there: Signal, free: Signal) -> None:
-        """Adds runs to the line of super-columns, and hands the line on with a super-row's last run."""
-        run = self.runs.payload
+        """Adds groups to the line of super-columns, and hands the line on with a super-row's last group."""
+        item = self.groups.payload
         columns, line, found = Signal(self._columns), Signal(self._columns), Signal()
-        emits, leaves, last = Signal(), Signal(), Signal()
-        top = GROUP_PLACES - 1  # of a place in a group: which of the group's two super-columns
+        taken, leaves, last = Signal(), Signal(), Signal()
+        halves = [Cat(row[half * SUPER_X : (half + 1) * SUPER_X] for row in item.passed).any() for half in range(_HALVES)]
         for column in range(self._columns):
-            begins = (run.group == column // _HALVES) & (run.stop[top] if column % _HALVES else ~run.begin[top])
-            m.d.comb += line[column].eq(columns[column] | emits & begins)
+            m.d.comb += line[column].eq(columns[column] | (item.group == column // _HALVES) & halves[column % _HALVES])
         m.d.comb += [
-            emits.eq(run.passes & ~run.nothing & ~run.end),
-            leaves.eq(run.end | run.closes & line.any()),
-            last.eq(self.runs.ready & self.runs.valid & run.last & ~run.end),
-            self.runs.ready.eq((run.end | self.splats.valid) & (free | ~leaves)),
+            leaves.eq(item.end | item.closes & line.any()),
+            self.groups.ready.eq((item.end | self.splats.valid) & (free | ~leaves)),
+            taken.eq(self.groups.valid & self.groups.ready),
+            last.eq(taken & item.last & ~item.end),
             self.splats.ready.eq(last),
             self.lives.eq(last & (found | line.any())),
             self.busy.eq(there | columns.any()),
         ]
         with m.If(free):
             m.d.sync += there.eq(0)
-        with m.If(self.runs.ready & self.runs.valid):
-            m.d.sync += [columns.eq(Mux(run.closes, 0, line)), found.eq(~run.last & (found | line.any()))]
+        with m.If(taken):
+            m.d.sync += [columns.eq(Mux(item.closes, 0, line)), found.eq(~item.last & (found | line.any()))]
             with m.If(leaves):
                 m.d.sync += [
-                    there.eq(1), rest.eq(line), held.splat.eq(self.splats.payload), held.end.eq(run.end),
-                    held.base.eq(run.row[_ROW_PLACES:] * self.supers_x)]
+                    there.eq(1), rest.eq(line), held.splat.eq(self.splats.payload), held.end.eq(item.end),
+                    held.base.eq(item.row * self.supers_x)]

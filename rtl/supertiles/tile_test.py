@@ -9,17 +9,17 @@ from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
 from rtl.culling.datapath import Datapath
-from rtl.culling.level_table import LevelTable
-from rtl.culling.tile_columns import tile_columns
+from rtl.culling.tile_columns import row_columns
 from rtl.culling.tile_expand import kept_record
-from rtl.culling.tile_runs import TileRuns
 from rtl.shapes import layout, shape
 from rtl.supertiles.event_count import count
+from rtl.supertiles.group_walk import GroupWalk
+from rtl.supertiles.level_table import SuperLevelTable
 from rtl.supertiles.mask_expand import MaskExpand
 from rtl.supertiles.pair_expand import PairExpand
-from rtl.supertiles.run_clip import RunClip, carried_run
+from rtl.supertiles.super_rows import SuperRows, carried_row
 from spec.config import AcceleratorConfig
-from spec.constants import SUPER_X, TILE
+from spec.constants import SUPER_X, SUPER_Y, TILE
 from spec.memory import frame_settings
 from spec.queues import COUNTER_BITS, LEVEL_GROUP, TILE_TEST_BESIDE
 from spec.records import TILE_BITS, projected_splat, surviving_splat, tile_level
@@ -29,13 +29,14 @@ _COUNTS = ("touched", "filtered", "entries", "survivors_count")
 
 
 class SuperTileTest(wiring.Component):
-    """Finds the super-tiles that splats have intersections with, and in the second phase the tiles of each pair. Splats pass
-    `TileRuns`, the ellipse test and `RunClip`; their runs then go to `PairExpand` in the first phase and to `MaskExpand` in
-    the second. The fields of a splat that only these two need wait in a queue beside the ellipse test.
+    """Finds the super-tiles that splats have intersections with, and in the second phase the tiles of each pair. `SuperRows`
+    takes the box of a splat apart into super-rows, the ellipse test finds the columns that the splat touches in each tile row,
+    and `GroupWalk` reads their levels and applies the foveation filter. Groups of tiles then go to `PairExpand` in the first
+    phase and to `MaskExpand` in the second. The fields of a splat that only these two need wait in a queue beside the rest.
 
-        splats --> TileRuns --> ellipse --> RunClip --> PairExpand --> pairs        first phase
-                      ^                        |
-        table --> LevelTable                   +------> MaskExpand --> survivors    second phase
+        splats --> SuperRows --> ellipse --> GroupWalk --> PairExpand --> pairs        first phase
+                                                 ^     |
+        table --------------------> SuperLevelTable    +-> MaskExpand --> survivors    second phase
 
     Parameters:
         config: the machine, with super-tiles; `point_interval`, `row_width` and formats matter here.
@@ -51,15 +52,20 @@ class SuperTileTest(wiring.Component):
         width, height, obb: settings as in `frame_settings`.
         touched: number of intersections of the first phase before the foveation filter. filtered: how many of them the filter
             rejects. entries: how many it passes. survivors_count: number of splats with a pair. All start from 0 with `clear`,
-            do not change in the second phase, and are valid from the transfer of the item with `end`.
+            do not change in the second phase, and are valid from two cycles after the transfer of the item with `end`.
         filled: the level table is full: from the transfer of its last item until `clear`.
         busy: splats are inside, or items that have not been taken.
         clear: strobe between frames: the level table empties, and counts restart.
 
-    Which tiles a splat touches, and what the foveation filter passes, is as in `rtl.culling.tile_test.TileTest`.
+    Which tiles a splat touches, and what the foveation filter passes, is as in `rtl.culling.tile_test.TileTest`. A group is
+    what lies in a super-row within 16 columns, the first a multiple of 16. Groups reach from the first to the last column that
+    the splat touches in any of the two tile rows.
 
-    Throughput: one run every `point_interval` cycles, as in that unit, and in the first phase one pair a cycle. Latency from a
-    splat's last run: 3 cycles more than the ellipse test's schedule, plus 4 from the splat to its first run.
+    Throughput: a super-row every `point_interval` cycles, a group a cycle, and in the first phase a pair a cycle, each without
+    waiting for the others; so a splat of the second phase, which has one super-row and one group, takes `point_interval`
+    cycles. A super-row in which nothing is touched takes the time of a group. Latency from a splat to its first group: 5 cycles
+    more than the latency of the ellipse test, which has a schedule of 58 cycles for PAPER's rates; 2 cycles more to a pair, and
+    one to a survivor. Storage: `SuperLevelTable`, and a queue of splats.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
@@ -67,7 +73,7 @@ class SuperTileTest(wiring.Component):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         check_supertiles(config)
         self.config = config
-        self._ellipse = Datapath(tile_columns(config), interval=config.point_interval, carried=carried_run(config))
+        self._ellipse = Datapath(row_columns(config, SUPER_Y), interval=config.point_interval, carried=carried_row(config))
         settings = {f.name: shape(f.format) for f in frame_settings(config).fields}
         super().__init__({
             "splats": In(stream.Signature(layout(projected_splat(config)))),
@@ -84,26 +90,26 @@ class SuperTileTest(wiring.Component):
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        m.submodules.levels = levels = LevelTable(self.config)
-        m.submodules.runs = runs = TileRuns(self.config)
+        m.submodules.levels = levels = SuperLevelTable(self.config)
+        m.submodules.rows = rows = SuperRows(self.config)
         m.submodules.ellipse = ellipse = self._ellipse
-        m.submodules.clip = clip = RunClip(self.config)
+        m.submodules.walk = walk = GroupWalk(self.config)
         m.submodules.expand = expand = PairExpand(self.config)
         m.submodules.masks = masks = MaskExpand(self.config)
         wiring.connect(m, wiring.flipped(self.table), levels.table)
         wiring.connect(m, expand.pairs, wiring.flipped(self.pairs))
         wiring.connect(m, masks.survivors, wiring.flipped(self.survivors))
         m.d.comb += [
-            levels.enable.eq(runs.enable), levels.row.eq(runs.row), levels.group.eq(runs.group), runs.codes.eq(levels.codes),
-            levels.clear.eq(self.clear), self.filled.eq(levels.filled), clip.obb.eq(self.obb),
+            levels.enable.eq(walk.enable), levels.row.eq(walk.row), levels.group.eq(walk.group), walk.levels.eq(levels.levels),
+            levels.clear.eq(self.clear), self.filled.eq(levels.filled), walk.obb.eq(self.obb),
             ellipse.width.eq(self.width), ellipse.height.eq(self.height)]
         self._sizes(m, levels, expand)
-        self._enter(m, runs, clip, expand, masks)
-        self._test(m, runs, clip)
-        self._part(m, clip, expand, masks)
+        self._enter(m, rows, walk, expand, masks)
+        self._test(m, rows, walk)
+        self._part(m, walk, expand, masks)
         return m
 
-    def _sizes(self, m: Module, levels: LevelTable, expand: PairExpand) -> None:
+    def _sizes(self, m: Module, levels: SuperLevelTable, expand: PairExpand) -> None:
         """Registers the frame's size in tiles and super-tiles; it is stable long before it is used."""
         tiles_x, tiles_y, supers_x = Signal(TILE_BITS + 1), Signal(TILE_BITS + 1), Signal.like(expand.supers_x)
         places = TILE.bit_length() - 1
@@ -111,17 +117,17 @@ class SuperTileTest(wiring.Component):
                      supers_x.eq((tiles_x + (SUPER_X - 1)) >> (SUPER_X.bit_length() - 1))]
         m.d.comb += [levels.tiles_x.eq(tiles_x), levels.tiles_y.eq(tiles_y), expand.supers_x.eq(supers_x)]
 
-    def _enter(self, m: Module, runs: TileRuns, clip: RunClip, expand: PairExpand, masks: MaskExpand) -> None:
-        """Sends splats to `TileRuns` and into the queue."""
+    def _enter(self, m: Module, rows: SuperRows, walk: GroupWalk, expand: PairExpand, masks: MaskExpand) -> None:
+        """Sends splats to `SuperRows` and into the queue."""
         kept = layout(kept_record(self.config))
         m.submodules.queue = queue = SyncFIFOBuffered(
             width=kept.size, depth=self._ellipse.schedule.depth + TILE_TEST_BESIDE)
         splat, may, taken, ending = Signal(kept), Signal(), Signal(), Signal()
         m.d.comb += [
             may.eq(self.filled & queue.w_rdy),
-            runs.splats.valid.eq(self.splats.valid & may),
-            runs.splats.payload.eq(self.splats.payload),
-            self.splats.ready.eq(runs.splats.ready & may),
+            rows.splats.valid.eq(self.splats.valid & may),
+            rows.splats.payload.eq(self.splats.payload),
+            self.splats.ready.eq(rows.splats.ready & may),
             taken.eq(self.splats.valid & self.splats.ready),
             queue.w_en.eq(taken & ~self.splats.payload.end),
             queue.w_data.eq(Cat(Value.cast(self.splats.payload[name]) for name in kept.members)),
@@ -134,42 +140,57 @@ class SuperTileTest(wiring.Component):
         ]
         with m.If(taken & self.splats.payload.end):
             m.d.sync += ending.eq(1)
-        with m.If(clip.clipped.valid & clip.clipped.ready & clip.clipped.payload.end):
+        with m.If(walk.groups.valid & walk.groups.ready & walk.groups.payload.end):
             m.d.sync += ending.eq(0)
 
-    def _test(self, m: Module, runs: TileRuns, clip: RunClip) -> None:
-        """Connects runs to the ellipse test, and the ellipse test to `RunClip`."""
-        run, splat, code, ellipse = runs.runs.payload, runs.runs.payload.splat, runs.runs.payload.code, self._ellipse
-        operands, plan = ellipse.sink.payload, ellipse.sink.payload.carried
+    def _test(self, m: Module, rows: SuperRows, walk: GroupWalk) -> None:
+        """Connects super-rows to the ellipse test, and the ellipse test to `GroupWalk`."""
+        item, splat, ellipse = rows.rows.payload, rows.rows.payload.splat, self._ellipse
+        operands, found = ellipse.sink.payload, ellipse.source.payload
         m.d.comb += [
-            ellipse.sink.valid.eq(runs.runs.valid),
-            runs.runs.ready.eq(ellipse.sink.ready),
+            ellipse.sink.valid.eq(rows.rows.valid),
+            rows.rows.ready.eq(ellipse.sink.ready),
             Cat(operands.l1, operands.l2, operands.l3).eq(Value.cast(splat.conic)),
             operands.mean_x.eq(splat.mean2d[0]),
             operands.mean_y.eq(splat.mean2d[1]),
-            operands.row.eq(run.row),
             operands.opacity.eq(splat.log2_opacity),
-            operands.other_opacity.eq(splat.log2_opacity),
-            plan.passes.eq(code.level <= splat.bound),
-            plan.level.eq(code.level),
-            *(plan[name].eq(run[name]) for name in ("row", "group", "begin", "stop", "last", "end")),
-            clip.runs.valid.eq(ellipse.source.valid),
-            ellipse.source.ready.eq(clip.runs.ready),
-            *(clip.runs.payload[name].eq(ellipse.source.payload[name]) for name in ("first", "last", "none", "carried")),
+            operands.carried.eq(item.carried),
+            walk.rows.valid.eq(ellipse.source.valid),
+            ellipse.source.ready.eq(walk.rows.ready),
+            walk.rows.payload.carried.eq(found.carried),
         ]
+        for i in range(SUPER_Y):
+            m.d.comb += [
+                operands[f"row_{i}"].eq(item.carried.row * SUPER_Y + i),
+                walk.rows.payload.first[i].eq(found[f"first_{i}"]),
+                walk.rows.payload.last[i].eq(found[f"last_{i}"]),
+                walk.rows.payload.none[i].eq(found[f"none_{i}"]),
+            ]
 
-    def _part(self, m: Module, clip: RunClip, expand: PairExpand, masks: MaskExpand) -> None:
-        """Sends runs to the part of the phase, and counts in the first."""
-        run, counted, size = clip.clipped.payload, Signal(), Signal(range(LEVEL_GROUP + 1))
+    def _part(self, m: Module, walk: GroupWalk, expand: PairExpand, masks: MaskExpand) -> None:
+        """Sends groups to the part of the phase, and counts in the first."""
+        item, first = walk.groups.payload, Signal()
         m.d.comb += [
-            expand.runs.payload.eq(run),
-            masks.runs.payload.eq(run),
-            expand.runs.valid.eq(clip.clipped.valid & ~self.rendering),
-            masks.runs.valid.eq(clip.clipped.valid & self.rendering),
-            clip.clipped.ready.eq(Mux(self.rendering, masks.runs.ready, expand.runs.ready)),
-            counted.eq(expand.runs.valid & expand.runs.ready & ~run.end & ~run.nothing),
+            expand.groups.payload.eq(item),
+            masks.groups.payload.eq(item),
+            expand.groups.valid.eq(walk.groups.valid & ~self.rendering),
+            masks.groups.valid.eq(walk.groups.valid & self.rendering),
+            walk.groups.ready.eq(Mux(self.rendering, masks.groups.ready, expand.groups.ready)),
+            first.eq(expand.groups.valid & expand.groups.ready),
         ]
-        passes, lives = Signal(), Signal()
-        m.d.sync += [size.eq(Mux(counted, run.stop - run.begin + 1, 0)), passes.eq(run.passes), lives.eq(expand.lives)]
-        for name, amount in zip(_COUNTS, (size, Mux(passes, 0, size), Mux(passes, size, 0), lives), strict=True):
+        most = range(SUPER_Y * LEVEL_GROUP + 1)
+        touched, filtered, passed, lives = (Signal(most, name=f"{name}_now") for name in _COUNTS)
+        m.d.sync += [
+            *(now.eq(Mux(first, _ones(tiles), 0)) for now, tiles in (
+                (touched, item.touched), (filtered, item.touched.as_value() & ~item.passed.as_value()), (passed, item.passed))),
+            lives.eq(expand.lives)]
+        for name, amount in zip(_COUNTS, (touched, filtered, passed, lives), strict=True):
             count(m, getattr(self, name), amount, self.clear)
+
+
+def _ones(tiles: Value) -> Value:
+    """The number of bits that are set."""
+    bits = list(Value.cast(tiles))
+    while len(bits) > 1:
+        bits = [sum(bits[i + 1 : i + 2], bits[i]) for i in range(0, len(bits), 2)]
+    return bits[0]

@@ -109,30 +109,20 @@ class Case:
                 for frame, mask, golden in zip(self.frames, self.masks, self.golden, strict=True)]
 
     def _cost(self, splats: np.ndarray, levels: np.ndarray, rendered: np.ndarray, golden: TileTest) -> Cost:
-        """The work of one frame."""
-        stops = run_stops(levels, rendered, -(-self.width // TILE))
-        runs = int(box_runs(stops, splats).sum())
+        """The work of one frame. A run of tiles ends at the last tile of a group, and where the next tile has another level,
+        another blend, or is rendered where this one is not."""
+        tiles_x = -(-self.width // TILE)
+        grid = np.column_stack([levels, rendered]).reshape(-1, tiles_x, 3)
+        stops = np.ones(grid.shape[:2], np.int64)
+        stops[:, :-1] = (grid[:, 1:] != grid[:, :-1]).any(2) | (np.arange(1, tiles_x) % LEVEL_GROUP == 0)
+        before = np.zeros((len(grid) + 1, tiles_x + 1), np.int64)
+        before[1:, 1:] = stops.cumsum(0).cumsum(1)
+        first_x, last_x, first_y, last_y = (splats[f"{end}_{axis}"] for axis in "xy" for end in ("first", "last"))
+        inside = before[last_y + 1, last_x] - before[first_y, last_x] - before[last_y + 1, first_x] + before[first_y, first_x]
+        runs = int((inside + last_y - first_y + 1).sum())
         tile, index = golden.entries["tile"][:-1], golden.entries["index"][:-1]
         goes_on = (index[1:] == index[:-1]) & (tile[1:] == tile[:-1] + 1) & (stops.ravel()[tile[:-1]] == 0)
         return Cost(runs, len(tile) - int(goes_on.sum()), len(tile))
-
-
-def run_stops(levels: np.ndarray, rendered: np.ndarray, tiles_x: int) -> np.ndarray:
-    """(tiles_y, tiles_x) int64: 1 where a run of tiles ends: at the last tile of a group, and where the next tile has another
-    level, another blend, or is rendered where this one is not."""
-    grid = np.column_stack([levels, rendered]).reshape(-1, tiles_x, 3)
-    stops = np.ones(grid.shape[:2], np.int64)
-    stops[:, :-1] = (grid[:, 1:] != grid[:, :-1]).any(2) | (np.arange(1, tiles_x) % LEVEL_GROUP == 0)
-    return stops
-
-
-def box_runs(stops: np.ndarray, boxes: np.ndarray) -> np.ndarray:
-    """(N,) runs of tiles in the boxes of (N,) ProjectedSplat records."""
-    before = np.zeros((len(stops) + 1, stops.shape[1] + 1), np.int64)
-    before[1:, 1:] = stops.cumsum(0).cumsum(1)
-    first_x, last_x, first_y, last_y = (boxes[f"{end}_{axis}"] for axis in "xy" for end in ("first", "last"))
-    inside = before[last_y + 1, last_x] - before[first_y, last_x] - before[last_y + 1, first_x] + before[first_y, first_x]
-    return inside + last_y - first_y + 1
 
 
 def _factors(rng: np.random.Generator, count: int, shape: str) -> np.ndarray:

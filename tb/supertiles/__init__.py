@@ -3,6 +3,7 @@
     tile_test_*     the tile test in both phases of a frame
     clip_*          boxes cut to super-tiles
     colour_*        the colour unit
+    buckets_*       depth buckets over several frames
     lists_*         the writer of pairs, whose lists are read back from memory
     reader_*        the super-tiles
     record_fetch_*  record fetch, with the golden decoder and the cache that `golden.msv2_ref.fetch` models

@@ -46,7 +46,7 @@ PORTS = ("supertiles", "places", "visits", "entries")
 
 EXCESS = ERRORS[4]
 
-BETWEEN = 3
+BETWEEN = 2
 """Cycles without a place between two batches."""
 
 MOST_ENTRIES = 4

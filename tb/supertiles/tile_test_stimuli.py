@@ -12,12 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from golden.msv2_ref.tile_test import TileTest
+from golden.msv2_ref.tile_test import TileTest, tile_test
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS, SUPER_TILES, SUPER_X, SUPER_Y, TILE
+from spec.queues import LEVEL_GROUP
 from spec.records import projected_splat, surviving_splat, tile_level
 from spec.supertiles import supertile_pair
-from tb.culling.tile_test_stimuli import Case, box_runs, run_stops
+from tb.culling.tile_test_stimuli import Case
 
 
 class PairsFound(NamedTuple):
@@ -150,35 +151,39 @@ class SuperCase:
 
     def cycles(self) -> list[tuple[int, int]]:
         """(first phase, second phase): least cycles of each frame's phases, without latencies."""
-        return [(self._first_cycles(splats, levels, found), self.config.point_interval * self._runs(levels, back))
-                for (splats, levels), found, back in zip(self.base.frames, self.found, self.returning, strict=True)]
-
-    def _runs(self, levels: np.ndarray, boxes: np.ndarray) -> int:
-        return int(self._box_runs(levels, boxes).sum())
-
-    def _box_runs(self, levels: np.ndarray, boxes: np.ndarray) -> np.ndarray:
-        return box_runs(run_stops(levels, np.ones(len(levels), bool), -(-self.base.width // TILE)), boxes)
+        return [(self._first_cycles(splats, levels, found), self.config.point_interval * len(order))
+                for (splats, levels), found, order in zip(self.base.frames, self.found, self.second, strict=True)]
 
     def _first_cycles(self, splats: np.ndarray, levels: np.ndarray, found: PairsFound) -> int:
-        """Runs enter at their interval. The pairs of a super-row leave one a cycle while runs of the next one enter; its last
-        run waits until those of the super-row before have left."""
+        """Super-rows enter at their interval, and are walked through a group a cycle. The pairs of a super-row leave one a
+        cycle while the walk goes on; its last group waits until those of the super-row before have left."""
+        rows, groups = self._groups(splats, levels)
+        most = int(rows[:, 1].max(initial=0)) + 1
+        pairs = np.bincount(found.splat * most + found.supertile // supers_x(self.base.width), minlength=len(splats) * most)
+        walked = free = 0
+        for k, (cost, emits) in enumerate(zip(groups.tolist(), pairs[rows[:, 0] * most + rows[:, 1]].tolist(), strict=True)):
+            walked = max(k * self.config.point_interval, walked) + cost
+            if emits:
+                walked = max(walked, free)
+                free = walked + emits
+        return max(walked, free)
+
+    def _groups(self, splats: np.ndarray, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """((R, 2) the splat and number of each super-row of a box, (R,) its groups): from the first to the last column that the
+        splat touches, whatever the level."""
         first, last = splats["first_y"] // SUPER_Y, splats["last_y"] // SUPER_Y
         count = last - first + 1
-        row = np.repeat(np.arange(len(splats)), count)
-        band = first[row] + np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-        boxes = splats[row].copy()
-        boxes["first_y"] = np.maximum(boxes["first_y"], band * SUPER_Y)
-        boxes["last_y"] = np.minimum(boxes["last_y"], band * SUPER_Y + SUPER_Y - 1)
-        runs = self._box_runs(levels, boxes) * self.config.point_interval
-        most = int(band.max(initial=0)) + 1
-        pairs = np.bincount(found.splat * most + found.supertile // supers_x(self.base.width), minlength=len(splats) * most)
-        now = free = 0
-        for cost, emits in zip(runs.tolist(), pairs[row * most + band].tolist(), strict=True):
-            now += cost
-            if emits:
-                now = max(now, free)
-                free = now + emits
-        return max(now, free)
+        splat = np.repeat(np.arange(len(splats)), count)
+        row = first[splat] + np.arange(len(splat)) - np.repeat(np.cumsum(count) - count, count)
+        touched = tile_test(self.config, splats, np.zeros_like(levels), self.base.width, self.base.height, obb=self.base.obb)
+        tiles_x = -(-self.base.width // TILE)
+        tile_row, column = np.divmod(touched.entries["tile"][:-1].astype(np.int64), tiles_x)
+        of = np.searchsorted(splats["index"], touched.entries["index"][:-1])
+        at = (np.cumsum(count) - count)[of] + tile_row // SUPER_Y - first[of]
+        low, high = np.full(len(splat), tiles_x), np.full(len(splat), -1)
+        np.minimum.at(low, at, column // LEVEL_GROUP)
+        np.maximum.at(high, at, column // LEVEL_GROUP)
+        return np.stack([splat, row], 1), np.maximum(high - low + 1, 1)
 
 
 def numbered(case: Case) -> Case:
@@ -192,7 +197,7 @@ def numbered(case: Case) -> Case:
 
 
 def wide_case(config: AcceleratorConfig, rng: np.random.Generator, splats: np.ndarray, name: str) -> SuperCase:
-    """Boxes of one row of the widest frame, all at one level and with all tiles touched: more pairs than runs."""
+    """Boxes of one row of the widest frame, all at one level and with all tiles touched: more pairs than groups."""
     splats, width, tiles = splats.copy(), config.row_width, -(-config.row_width // TILE)
     splats["bound"], splats["first_x"], splats["last_x"] = MAX_LEVELS - 1, 0, tiles - 1
     splats["first_y"] = splats["last_y"] = rng.integers(0, 4, len(splats))

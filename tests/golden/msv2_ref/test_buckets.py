@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from golden.host.quantise import quantise_model
-from golden.msv2_ref import supertiles
-from golden.msv2_ref.batches import FrameBatches
+from golden.msv2_ref import batches, supertiles
 from golden.msv2_ref.buckets import Bounds, as_dense, check_bounds, list_numbers, next_bounds, no_bounds
 from golden.msv2_ref.pipeline import Frame, render
 from golden.scenes.embedded.splats import cached_embedded_model
@@ -147,7 +148,7 @@ def test_bounds_change_the_order_of_nothing(beta):
         assert np.array_equal(rows["tile"], lists[order]) and np.array_equal(rows["index"], wanted.index)
         for part, of in zip(again.pixels, frame.pixels, strict=True):
             assert np.array_equal(part, of), name
-        assert np.array_equal(FrameBatches(again).visit_records, FrameBatches(frame).visit_records), name
+        assert np.array_equal(batches.FrameBatches(again).visit_records, batches.FrameBatches(frame).visit_records), name
         grouped.add(tuple(again.groups.tolist()))
     assert len(grouped) > 3 or beta == 1 << 20  # the bounds did change lists and groups
 
@@ -169,3 +170,20 @@ def test_good_bounds_leave_lists_of_about_equal_length():
     bounds = next_bounds(frame.config, frame.pairs.start, frame.pairs.depth_key, 64)
     counts = supertiles.list_counts(frame.pairs, bounds)
     assert np.bincount(bounds.supertile).max() > 5 and counts.max() <= 2 * 64 < np.diff(frame.pairs.start).max()
+
+
+def test_a_frame_follows_another(monkeypatch):
+    """It has the bounds of the frame before, unless that had another number of super-tiles."""
+    monkeypatch.setattr(batches, "next_bounds", lambda config, start, key: next_bounds(config, start, key, EVERY))
+    words = quantise_model(TINY_SUPERTILES, random_model(np.random.default_rng(1), 600))
+    camera = view(128, 64)
+    first, second = (render(words, c, config=TINY_SUPERTILES) for c in (camera, replace(camera, fx=45.0)))
+    after = batches.following(second, first, None)
+    bounds = next_bounds(TINY_SUPERTILES, first.pairs.start, first.pairs.depth_key, EVERY)
+    wanted = render(words, replace(camera, fx=45.0), config=TINY_SUPERTILES, bounds=bounds)
+    assert len(after.bounds.key) > 5 and np.array_equal(after.bounds.key, wanted.bounds.key)
+    assert np.array_equal(after.groups, wanted.groups) and len(after.groups) > len(second.groups)
+    other = render(words, view(300, 64), config=TINY_SUPERTILES)
+    assert batches.following(other, first, None).bounds.lists == len(other.pairs.start) - 1
+    assert batches.following(second, after, None).bounds.lists == second.bounds.lists + len(
+        next_bounds(TINY_SUPERTILES, second.pairs.start, second.pairs.depth_key, EVERY).key)

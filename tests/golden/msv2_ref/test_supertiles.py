@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,8 +17,9 @@ from golden.scenes.embedded.views import embedded_cameras
 from golden.scenes.levels import smfr_levels
 from spec.config import SUPERTILES, TINY, TINY_SUPERTILES, V3
 from spec.constants import SUPER_X, SUPER_Y
-from spec.supertiles import SEQUENCE_BITS
-from tests.helpers.golden_samples import map_for, random_model, turned_view, view
+from spec.supertiles import HEADER_WAYS, SEQUENCE_BITS
+from tb.top.check import expected_events
+from tests.helpers.golden_samples import map_for, random_model, splats, turned_view, view
 
 SMALL = TINY_SUPERTILES.with_(batch_places=16)
 """Batches of 13 to 16 places."""
@@ -226,3 +228,35 @@ def test_frames_without_splats():
 def test_frames_of_other_machines_have_no_batches():
     with pytest.raises(ValueError, match=r"^frame must be one of a machine with super-tiles, not of 'tiles'$"):
         FrameBatches(random_frame(1, TILES))
+
+
+def misses_one_by_one(chunks: list[int], lines: int) -> int:
+    """Headers that are read, by the text: a cache of HEADER_WAYS ways, of which the line that was loaded first is replaced."""
+    sets, missed = [[] for _ in range(lines // HEADER_WAYS)], 0
+    for chunk in chunks:
+        held = sets[chunk % len(sets)]
+        if chunk not in held:
+            missed += 1
+            held.append(chunk)
+            del held[:-HEADER_WAYS]
+    return missed
+
+
+@pytest.mark.parametrize("lines", [4, 8, 16])
+def test_counts_of_a_frame(frame, lines):
+    b = FrameBatches(replace(frame, config=frame.config.with_(header_lines=lines)))
+    missed = misses_one_by_one((frame.pairs.index >> 6).tolist(), lines)
+    assert b.events == {"pairs": len(frame.pairs.splat), "header_hits": len(frame.pairs.splat) - missed,
+                        "header_misses": missed, "batches": len(b.batches.supertile)}
+    assert expected_events(frame)["pairs"] == len(frame.pairs.splat)
+    assert expected_events(frame)["survivors"] == len(np.unique(frame.pairs.splat))
+
+
+def test_saturated_colours_count_once_for_each_place():
+    """A splat far brighter than colours can be, over several super-tiles and levels."""
+    model = splats((0, 0, 2), scale=3.0, colour=(9, 0, 0), levels=4)
+    camera = view(300, 90)
+    frame = render(model, camera, config=TINY_SUPERTILES, foveation=map_for(camera, (0.2, 0.6), 4))
+    places = FrameBatches(frame).places
+    assert len(places.pair) > len(frame.pairs.splat) > 3
+    assert expected_events(frame)["saturated_colours"] == len(places.pair)

@@ -1,16 +1,22 @@
-"""The list of a pair: without buckets that of its super-tile."""
+"""The list of a pair: without buckets that of its super-tile, with them by the bounds that the frame before has made."""
 
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
+import pytest
 from amaranth.hdl import Module, Signal
 
-from rtl.supertiles.buckets import SingleLists
-from spec.config import PAPER, TINY_SUPERTILES
+from rtl.emit import to_rtlil
+from rtl.supertiles.buckets import SingleLists, depth_buckets
+from rtl.supertiles.depth_buckets import DepthBuckets
+from spec.config import PAPER, SUPERTILES, TINY_SUPERTILES
 from spec.records import intersection_item, list_group, tile_group
 from spec.supertiles import supertile_pair
-from tests.helpers.rtl_ports import play, words_of
+from tb.common.exact import problems
+from tb.supertiles import buckets_suite as suite
+from tests.helpers.rtl_ports import cycles_of, play, words_of
 from tests.helpers.rtl_streams import assert_rejected
 
 PAIR, ENTRY = supertile_pair(TINY_SUPERTILES), intersection_item(TINY_SUPERTILES)
@@ -37,6 +43,54 @@ def test_without_buckets_a_list_is_a_supertile():
     assert set(seen[1:]) == {(64, 0)}
 
 
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory):
+    plan = suite.full_plan(TINY_SUPERTILES, 0)
+    return plan, suite.run_plan(TINY_SUPERTILES, plan, tmp_path_factory.mktemp("tiny"))
+
+
+def test_tiny_is_exact_and_fast_enough(tiny):
+    plan, outcome = tiny
+    assert outcome.failures == {}
+    assert outcome.runs == sum(item.run.abort is None for item in plan) > 35 and outcome.items > 15_000
+    lists = {item.name: item.expected["counts"]["lists"].tolist() for item in plan}
+    assert len(set(lists["turned a little"][1:])) == 1  # bounds, good or bad, are as many
+    assert max(lists["most lists of a frame"]) == TINY_SUPERTILES.list_heads
+    assert max(lists["most bounds of a super-tile"]) == 4 + 15 + 14 + 15  # and the last one has no bound
+
+
+def test_faults_are_found(tiny):
+    plan, outcome = tiny
+    item = next(item for item in plan if item.name == "bad bounds")
+    for port, rows in item.expected.items():
+        for name in rows.dtype.names:
+            wrong = rows.copy()
+            wrong[name][3] ^= 1
+            found = problems(replace(item, expected={port: wrong}), outcome.recordings[item.name])
+            assert len(found) == 1 and found[0].startswith(f"{port} 3: ")
+
+
+def test_a_pair_takes_fourteen_cycles():
+    dut, pairs = DepthBuckets(TINY_SUPERTILES), [PAIR.pack({"index": i, "depth_key": 5, "supertile": i, "end": 0})
+                                                 for i in range(50)]
+    moves = play(dut, {"pairs": pairs}, {"entries": 0.0}, 80, setup={"supertile_count": 64})
+    assert [b - a for a, b in zip(cycles_of(moves, "pairs"), cycles_of(moves, "entries"), strict=True)] == [14] * 50
+
+
+def test_the_machine_has_the_unit_that_its_parameter_names():
+    machine = {buckets: depth_buckets(TINY_SUPERTILES.with_(buckets=buckets)) for buckets in (False, True)}
+    for buckets, unit in machine.items():
+        assert isinstance(unit, DepthBuckets if buckets else SingleLists)
+        to_rtlil(unit, "depth_buckets")
+
+
+@pytest.mark.long
+def test_the_machines_buckets_are_exact(tmp_path):
+    assert suite.run_plan(SUPERTILES, suite.full_plan(SUPERTILES, 1), tmp_path).failures == {}
+
+
 def test_machines_without_supertiles_are_rejected():
     assert_rejected(lambda: SingleLists(PAPER), ValueError, "tile")
     assert_rejected(lambda: SingleLists("paper"), TypeError, "paper")
+    assert_rejected(lambda: DepthBuckets(TINY_SUPERTILES, every=12), ValueError, 12)
+    assert_rejected(lambda: DepthBuckets(TINY_SUPERTILES, every=2.0), TypeError, 2.0)

@@ -1,0 +1,147 @@
+"""Walks through the columns that splats touch, sixteen at a time, and applies the foveation filter to their tiles."""
+
+from __future__ import annotations
+
+from functools import reduce
+from operator import or_
+
+from amaranth.hdl import Cat, Module, Mux, Signal, Value, unsigned
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.culling.level_table import GROUP_PLACES
+from rtl.supertiles.level_table import axis_bits, group_bits, levels_layout, row_bits
+from rtl.supertiles.super_rows import carried_row
+from spec.config import AcceleratorConfig
+from spec.constants import MAX_LEVELS, SUPER_Y
+from spec.queues import LEVEL_GROUP
+
+
+def tested_row(config: AcceleratorConfig) -> data.StructLayout:
+    """A super-row with the result of the ellipse test: for each tile row first and last column, and whether the ellipse meets
+    none of its pixels."""
+    columns = data.ArrayLayout(axis_bits(config), SUPER_Y)
+    return data.StructLayout({"first": columns, "last": columns, "none": SUPER_Y, "carried": carried_row(config)})
+
+
+def tested_group(config: AcceleratorConfig) -> data.StructLayout:
+    """A group of columns of a super-row: for each tile, by row and column, whether the splat touches it, and whether the filter
+    passes this intersection; and the levels of those that pass. `closes` marks the super-row's last group, `last` the splat's.
+    An item with `end` is no group."""
+    tiles = data.ArrayLayout(LEVEL_GROUP, SUPER_Y)
+    return data.StructLayout({
+        "row": unsigned(row_bits(config)), "group": unsigned(group_bits(config)), "touched": tiles, "passed": tiles,
+        "levels": MAX_LEVELS, "closes": 1, "last": 1, "end": 1})
+
+
+class GroupWalk(wiring.Component):
+    """Cuts the columns that a splat touches in a super-row into groups, and reads the levels of their tiles.
+
+    Parameters:
+        config: the machine, with super-tiles.
+
+    Ports:
+        rows: `tested_row` items.
+        groups: `tested_group` items, for each super-row by column, at least one for each.
+        enable, row, group, levels: the read port of `SuperLevelTable`.
+        obb: all tiles of a box are touched, whatever the ellipse test found.
+
+    Throughput: one group a cycle, without gaps between super-rows; a super-row in which the splat touches no tile takes a
+    cycle, too. Latency: 4 cycles, one for each stage: the columns, cut to the box; the walk, which addresses the table; the
+    answer of the table; the output register.
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._config = config
+        super().__init__({
+            "rows": In(stream.Signature(tested_row(config))),
+            "groups": Out(stream.Signature(tested_group(config))),
+            "enable": Out(1),
+            "row": Out(row_bits(config)),
+            "group": Out(group_bits(config)),
+            "levels": In(levels_layout()),
+            "obb": In(1),
+        })
+        columns = data.ArrayLayout(axis_bits(config), SUPER_Y)
+        self._cut_layout = data.StructLayout({
+            "first": columns, "last": columns, "met": SUPER_Y, "row": row_bits(config), "bound": 2, "last_row": 1, "end": 1})
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        cut, walked = (Signal(self._cut_layout, name=name, reset_less=True) for name in ("cut", "walked"))
+        cut_valid, walked_valid, cut_leaves, leaves, free = (
+            Signal(name=name) for name in ("cut_valid", "walked_valid", "cut_leaves", "leaves", "free"))
+        group, final = Signal(group_bits(self._config), reset_less=True), Signal(group_bits(self._config), reset_less=True)
+        with m.If(self.rows.ready):
+            m.d.sync += cut_valid.eq(self.rows.valid)
+            with m.If(self.rows.valid):
+                self._cut(m, cut)
+        begin, end = self._groups(cut)
+        ends = group == final
+        m.d.comb += [
+            self.rows.ready.eq(~cut_valid | cut_leaves),
+            cut_leaves.eq(cut_valid & (~walked_valid | leaves & ends)),
+            leaves.eq(walked_valid & free),
+            self.enable.eq(leaves), self.row.eq(walked.row), self.group.eq(group),
+        ]
+        with m.If(leaves):
+            m.d.sync += [group.eq(group + 1), walked_valid.eq(~ends)]
+        with m.If(cut_leaves):
+            m.d.sync += [walked.eq(cut), walked_valid.eq(1), group.eq(begin), final.eq(end)]
+        self._test(m, walked, group, ends, leaves, free)
+        return m
+
+    def _cut(self, m: Module, cut: data.View) -> None:
+        """The columns of each tile row that lie in the box as well."""
+        row, box = self.rows.payload, self.rows.payload.carried
+        m.d.sync += [cut.row.eq(box.row), cut.bound.eq(box.bound), cut.last_row.eq(box.last), cut.end.eq(box.end)]
+        for i in range(SUPER_Y):
+            first, last = Signal.like(box.first_x, name=f"first_{i}"), Signal.like(box.last_x, name=f"last_{i}")
+            m.d.comb += [first.eq(Mux(~self.obb & (row.first[i] > box.first_x), row.first[i], box.first_x)),
+                         last.eq(Mux(~self.obb & (row.last[i] < box.last_x), row.last[i], box.last_x))]
+            m.d.sync += [cut.first[i].eq(first), cut.last[i].eq(last),
+                         cut.met[i].eq(box.inside[i] & ~box.end & (self.obb | ~row.none[i] & (first <= last)))]
+
+    def _groups(self, cut: data.View) -> tuple[Value, Value]:
+        """The first and the last group of a super-row; any one group where no tile is touched."""
+        assert SUPER_Y == 2
+        low = [cut.first[i][GROUP_PLACES:] for i in range(SUPER_Y)]
+        high = [cut.last[i][GROUP_PLACES:] for i in range(SUPER_Y)]
+        begin = Mux(cut.met[0] & (~cut.met[1] | (low[0] < low[1])), low[0], low[1])
+        end = Mux(cut.met[0] & (~cut.met[1] | (high[0] > high[1])), high[0], high[1])
+        return begin, Mux(cut.met.any(), end, begin)
+
+    def _test(self, m: Module, walked: data.View, group: Signal, ends: Value, leaves: Signal, free: Signal) -> None:
+        """The tiles of a group, then their levels, and what passes."""
+        out, tiles = self.groups, data.ArrayLayout(LEVEL_GROUP, SUPER_Y)
+        read, valid = Signal(data.StructLayout({
+            "row": walked.row.shape(), "group": group.shape(), "touched": tiles, "bound": 2, "closes": 1, "last": 1, "end": 1,
+        }), reset_less=True), Signal()
+        moves = Signal()
+        m.d.comb += [moves.eq(~out.valid | out.ready), free.eq(~valid | moves)]
+        with m.If(free):
+            m.d.sync += valid.eq(leaves)
+        with m.If(leaves):
+            m.d.sync += [
+                read.row.eq(walked.row), read.group.eq(group), read.bound.eq(walked.bound), read.closes.eq(ends),
+                read.last.eq(ends & walked.last_row), read.end.eq(walked.end),
+                *(read.touched[i].eq(_between(walked.first[i], walked.last[i], group) & walked.met[i].replicate(LEVEL_GROUP))
+                  for i in range(SUPER_Y))]
+        passed = [Cat(read.touched[i][k] & (self.levels[i][k] <= read.bound) for k in range(LEVEL_GROUP))
+                  for i in range(SUPER_Y)]
+        levels = (reduce(or_, (passed[i][k] & (self.levels[i][k] == level)
+                               for i in range(SUPER_Y) for k in range(LEVEL_GROUP))) for level in range(MAX_LEVELS))
+        with m.If(moves):
+            m.d.sync += out.valid.eq(valid)
+        with m.If(moves & valid):
+            m.d.sync += [
+                *(out.payload[name].eq(read[name]) for name in ("row", "group", "touched", "closes", "last", "end")),
+                *(out.payload.passed[i].eq(passed[i]) for i in range(SUPER_Y)), out.payload.levels.eq(Cat(*levels))]
+
+
+def _between(first: Value, last: Value, group: Value) -> Value:
+    """A bit for each column of a group: whether it lies from `first` to `last`."""
+    begin, end = first[:GROUP_PLACES], last[:GROUP_PLACES]
+    before, after = first[GROUP_PLACES:] < group, last[GROUP_PLACES:] > group
+    starts, stops = first[GROUP_PLACES:] == group, last[GROUP_PLACES:] == group
+    return Cat((before | starts & (begin <= k)) & (after | stops & (end >= k)) for k in range(LEVEL_GROUP))
