@@ -176,8 +176,8 @@ def array_splat(config: AcceleratorConfig) -> Record:
 
 
 def pixel_op(config: AcceleratorConfig) -> Record:
-    """One splat at one level, as the setup unit hands it to the array. In machines with super-tiles the state of a tile's pixels
-    is loaded and stored by ops of their own, which cover no pixel, for both banks at once."""
+    """One splat at one level, as the setup unit hands it to the array. In machines with super-tiles the state of a tile's
+    pixels is loaded and stored by ops of their own, which cover no pixel, for both banks at once."""
     n = config.formats
     start = (Field("first", uint(1), "first op of the tile in this bank: sums and transmittance start anew"),)
     drain = "last op of the tile in any bank: the tile's rows leave the array after it"

@@ -95,6 +95,7 @@ class BatchArray(wiring.Component):
             *(getattr(state, name).eq(getattr(sequencer, name)) for name in ("place", "fresh", "block", "loading", "storing")),
             collect.draining.eq(sequencer.draining),
             collect.storing.eq(sequencer.storing),
+            collect.place.eq(sequencer.place),
             state.stored.eq(collect.stored),
             expand.issue.eq(sequencer.issue),
             *(row.state.eq(state.state) for row in rows),
@@ -103,7 +104,7 @@ class BatchArray(wiring.Component):
         ]
         chain(m, expand, rows, collect)
         in_flight = self._take_visits(m, setup, state, rows)
-        m.d.comb += self.busy.eq(in_flight.any() | collect.busy | state.busy)
+        m.d.comb += self.busy.eq(in_flight.any() | collect.busy | state.pending.any())
         m.d.sync += [
             self.ops.eq(self.ops + sequencer.issued), self.skipped.eq(self.skipped + setup.skipped),
             self.waits.eq(self.waits + sequencer.waits)]

@@ -6,7 +6,7 @@ these are from each other, but needs no space in the output buffer.
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Value
+from amaranth.hdl import Module, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -37,7 +37,7 @@ class BatchCollect(Collect):
     Parameters and ports: those of Collect, whose `places` are visits, and whose `may_drain` concerns those of tiles that end;
     and
 
-        storing: a drain that is issued is a store.
+        storing, place: the drain that is issued is a store; its tile.
         may_store: a store may be issued in this cycle.
         stored: a row, place_latency + 1 cycles after `draining` for the first row of a drain.
     """
@@ -47,7 +47,7 @@ class BatchCollect(Collect):
         check_supertiles(config)
 
     def _ports(self) -> dict[str, wiring.Member]:
-        return {**super()._ports(), "storing": In(1), "may_store": Out(1), "stored": Out(stored_row(self.config))}
+        return {**super()._ports(), "storing": In(1), "place": In(SUPER_PLACES), "may_store": Out(1), "stored": Out(stored_row(self.config))}
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
@@ -68,7 +68,10 @@ class BatchCollect(Collect):
     def _claims(self) -> Value:
         return self.draining & ~self.storing
 
-    def _valid(self, p: Pipeline, running: Value, head: data.View) -> dict[str, Staged]:
+    def _valid(self, m: Module, p: Pipeline, running: Value, head: data.View) -> dict[str, Staged]:
+        stores, place = Signal(), Signal.like(self.place)
+        with m.If(self.draining):
+            m.d.sync += [stores.eq(self.storing), place.eq(self.place)]
         return {
-            "valid": p.control("valid", running & head.final), "stored": p.control("stored", running & ~head.final),
-            "place": p.data("place", head.place), "sequence": p.data("sequence", head.sequence)}
+            "valid": p.control("valid", running & ~stores), "stored": p.control("stored", running & stores),
+            "place": p.data("place", place), "sequence": p.data("sequence", head.sequence)}

@@ -48,7 +48,7 @@ from rtl.vrc_array.row import PIPELINE, SUMS_LATER
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.records import TILE_BITS, pixel_row
-from spec.supertiles import SEQUENCE_BITS, SUPER_PLACES
+from spec.supertiles import SEQUENCE_BITS
 
 _FAN_IN = 4
 """Rows that one stage of the row multiplexer combines."""
@@ -68,7 +68,7 @@ def place_layout(config: AcceleratorConfig) -> data.StructLayout:
         "tile_y": TILE_BITS,
         "blend": 1,
         "plane": data.ArrayLayout(shape(config.formats.plane), 3),
-        **({"place": SUPER_PLACES, "sequence": SEQUENCE_BITS, "final": 1} if config.supertiles else {}),  # see `TileVisit`
+        **({"sequence": SEQUENCE_BITS} if config.supertiles else {}),  # the super-tile
     })
 
 
@@ -164,7 +164,7 @@ class Collect(wiring.Component):
         """Whether a drain is issued whose rows need space in the buffer."""
         return self.draining
 
-    def _valid(self, p: Pipeline, running: Value, head: data.View) -> dict[str, Staged]:
+    def _valid(self, m: Module, p: Pipeline, running: Value, head: data.View) -> dict[str, Staged]:
         """Whether the row under way leaves as pixels, as `valid`."""
         return {"valid": p.control("valid", running)}
 
@@ -213,7 +213,7 @@ class Collect(wiring.Component):
         place = {name: p.data(name, value) for name, value in fields.items()}
         if config.level_banks == 2:
             place |= {"blend": p.data("blend", head.blend), "plane": p.data("plane", head.plane)}
-        return {**self._valid(p, running, head), **place}
+        return {**self._valid(m, p, running, head), **place}
 
     def _picked(self, m: Module) -> data.View:
         """The pixels of the row that finishes, after two stages of multiplexing; transmittances are delayed to their sums."""

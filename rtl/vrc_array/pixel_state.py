@@ -17,7 +17,7 @@ have loads between them, at most one is under way. tests/rtl/vrc_array/test_pixe
 
 from __future__ import annotations
 
-from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
@@ -90,7 +90,7 @@ class PixelState(wiring.Component):
         done: one bit per tile of super-tile `current`: after a store all of its pixels, in every bank that the tile uses, have
             stopped. A bit is set two cycles after the store's last row has come. It is cleared with the tile's last row of
             pixels, and when `current` changes.
-        busy: a store is under way.
+        pending: one bit per tile: a store is under way, so that its loads are held back.
 
     Throughput: a row is loaded and a row is stored per cycle. Loads are held back until `cores_y` cycles after the last one.
     Storage: for 16 x 16 cores with two banks and depth, 256 words of 480 bits and 256 of 2,016.
@@ -114,7 +114,7 @@ class PixelState(wiring.Component):
             "sequence": In(SEQUENCE_BITS),
             "current": Out(SEQUENCE_BITS),
             "done": Out(SUPER_TILES),
-            "busy": Out(1),
+            "pending": Out(SUPER_TILES),
         })
 
     def elaborate(self, platform: object) -> Module:
@@ -128,15 +128,13 @@ class PixelState(wiring.Component):
 
     def _hold(self, m: Module, apart: Value, last: Value) -> None:
         """Holds back loads of tiles with a store under way."""
-        pending = Signal(SUPER_TILES)
         begins, lands = Signal(SUPER_TILES), Signal(SUPER_TILES)
         m.d.comb += [
             begins.eq(Mux(self.storing, 1 << self.place, 0)),
             lands.eq(Mux(self.stored.valid & last, 1 << self.stored.place, 0)),
-            self.may_load.eq(apart & ~Array(pending)[self.place]),
-            self.busy.eq(pending.any()),
+            self.may_load.eq(apart & ~self.pending.bit_select(self.place, 1)),
         ]
-        m.d.sync += pending.eq((pending | begins) & ~lands)
+        m.d.sync += self.pending.eq((self.pending | begins) & ~lands)
 
     def _loads(self, m: Module) -> Value:
         """Reads the rows of loads; returns whether the next load may follow."""

@@ -10,7 +10,7 @@ import numpy as np
 from golden.msv2_ref.array import render_tiles
 from spec import tables
 from spec.config import AcceleratorConfig
-from spec.constants import SUPER_TILES
+from spec.constants import AMP_MAX, SUPER_TILES
 from spec.supertiles import SEQUENCE_BITS, tile_visit, visit_entry
 from tb.vrc_array.array_stimuli import Case, TileSpec, flat_entries, frame, random_entries, random_plane
 
@@ -117,7 +117,7 @@ def stopping_case(config: AcceleratorConfig, name: str, seed: int, tiles: int = 
         wall["use"] = [(1, 1), (1, 0), (0, 1), (1, 1)][k % 4]
         if k % 8 == 3:  # opaque in the middle only
             wall[:] = random_entries(config, rng, len(wall), x, y)
-            wall["log2_opacity"] = config.formats.log2_opacity.raw_max
+            wall["log2_opacity"] = config.formats.log2_opacity.quantise(np.log2(AMP_MAX))
         around = [random_entries(config, rng, int(rng.integers(0, 24)), x, y) for _ in range(2)]
         made.append(TileSpec(np.concatenate([around[0], wall, around[1]]), x, y, 1, int(rng.random() < 0.5),
                              random_plane(config, rng)))

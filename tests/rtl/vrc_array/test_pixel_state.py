@@ -1,0 +1,154 @@
+"""The state of pixels between visits: a proof that no row is read before the last store of its tile has landed.
+
+The proof holds for the array of 16 by 16 cores, any stream of visits and any back-pressure. It is about one row of one tile, any
+one. The signals of `Harness.bad` that only help the induction say which cycle of a store, or of a load, it is.
+"""
+
+from __future__ import annotations
+
+import pytest
+from amaranth.hdl import Elaboratable, Module, Mux, Signal
+
+from rtl.vrc_array import expand
+from rtl.vrc_array.batch_blocks import BatchSequencer
+from rtl.vrc_array.batch_collect import BatchCollect
+from rtl.vrc_array.collect import place_latency
+from rtl.vrc_array.pixel_state import PixelState
+from rtl.vrc_array.row import SUMS_LATER
+from spec.config import SUPERTILES
+from spec.constants import TILE
+from spec.supertiles import SUPER_PLACES
+from tests.helpers.formal import Circuit
+
+DEPTH = 34
+"""Cycles of the induction: more than a store takes from its strobe to its last row."""
+
+PROPERTIES = ("load_early", "read_early", "store_twice", "overwritten")
+"""What is to be proven; the other signals help."""
+
+
+class _Watched(PixelState):
+    """The unit, with the addresses that its memory of sums reads as `reads` and `read_at`."""
+
+    def __init__(self, config):
+        super().__init__(config)
+        self.reads, self.read_at = Signal(), Signal(SUPER_PLACES + 4)
+
+    def _part(self, m, name, *args):
+        super()._part(m, name, *args)
+        if name == "sums":
+            memory = getattr(m.submodules, name)
+            m.d.comb += [self.reads.eq(memory.read & ~memory.fresh), self.read_at.eq(memory.address)]
+
+
+class Harness(Elaboratable):
+    """Sequencer, collection and state as in BatchArray, with free visits: a load, then ops, then a store or a last background.
+
+    The row `row` of the tile `tile` is watched. A store of the tile is in its cycle n where `store` is its length minus n + 1, so
+    that `store` is 1 when the last row comes; the same holds for a load and `load`.
+    """
+
+    def __init__(self, config=SUPERTILES):
+        self.config = config
+        self.sequencer, self.collect, self.state = BatchSequencer(config), BatchCollect(config), _Watched(config)
+        self.inputs = {
+            name: Signal(bits, name=f"free_{name}")
+            for name, bits in dict(row=4, tile=SUPER_PLACES, valid=1, place=SUPER_PLACES, fresh=1, ends=1, final=1, last=1,
+                                   ready=1).items()}
+        names = (*PROPERTIES, "pending", "stored", "owed", "read", "unread", "open", "order")
+        self.bad = {name: Signal(name=f"bad_{name}") for name in names}
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.sequencer, m.submodules.collect, m.submodules.state = self.sequencer, self.collect, self.state
+        chosen, row, tile = Signal(), Signal(4), Signal(SUPER_PLACES)
+        m.d.sync += chosen.eq(1)
+        with m.If(~chosen):
+            m.d.sync += [row.eq(self.inputs["row"]), tile.eq(self.inputs["tile"])]
+        opened, place = self._visits(m, chosen)
+        self._watch(m, chosen, row, tile, opened & (place == tile))
+        return m
+
+    def _visits(self, m, chosen):
+        """Connects the units; returns whether a visit's load has been issued and not its last op, and its tile."""
+        free, sequencer, collect, state = self.inputs, self.sequencer, self.collect, self.state
+        op, opened, place = sequencer.ops.payload, Signal(), Signal(SUPER_PLACES)
+        m.d.comb += [
+            sequencer.ops.valid.eq(free["valid"] & chosen),
+            op.load.eq(~opened), op.drain.eq(opened & free["ends"]), op.fresh.eq(free["fresh"]),
+            op.last.eq(opened & Mux(free["ends"], free["final"], free["last"])),
+            op.place.eq(Mux(opened, place, free["place"])),
+            sequencer.may_drain.eq(collect.may_drain), sequencer.may_store.eq(collect.may_store),
+            sequencer.may_load.eq(state.may_load),
+            *(getattr(state, name).eq(getattr(sequencer, name)) for name in ("place", "fresh", "block", "loading", "storing")),
+            *(getattr(collect, name).eq(getattr(sequencer, name)) for name in ("draining", "storing", "place")),
+            state.stored.eq(collect.stored), collect.pixels.ready.eq(free["ready"]),
+        ]
+        with m.If(sequencer.ops.valid & sequencer.ops.ready):
+            m.d.sync += opened.eq(~op.drain)
+            with m.If(op.load):
+                m.d.sync += place.eq(op.place)
+        return opened, place
+
+    def _watch(self, m, chosen, row, tile, opened):
+        sequencer, state = self.sequencer, self.state
+        ours = chosen & (sequencer.place == tile)
+        storing, loading = sequencer.storing & ours, sequencer.loading & ~sequencer.fresh & ours
+        comes = state.stored.valid & (state.stored.place == tile)
+        reads, read_row = state.reads & (state.read_at[4:] == tile), state.read_at[:4]
+        lands = comes & (state.stored.row == row)
+        store, load = Signal(6), Signal(6)
+        m.d.sync += [
+            store.eq(Mux(storing, place_latency(self.config) + TILE, store - store.any())),
+            load.eq(Mux(loading, expand.latency(self.config) + SUMS_LATER + TILE, load - load.any()))]
+        owed, unread, early = Signal(), Signal(), Signal()
+        m.d.sync += [
+            owed.eq((owed | storing) & ~lands),
+            unread.eq(loading | unread & ~(reads & (read_row == row) & (load <= TILE))),
+            early.eq(Mux(loading, owed, early) & ~lands)]  # the store before the last load is still under way
+        stores, loads = store.any() & (store <= TILE), load.any() & (load <= TILE)
+        bad = {
+            "load_early": loading & owed,
+            "read_early": reads & (read_row == row) & early,
+            "store_twice": storing & owed,
+            "overwritten": lands & unread,
+            "pending": state.pending.bit_select(tile, 1) != store.any(),
+            "stored": (comes != stores) | comes & (state.stored.row + store != TILE),
+            "owed": owed != store.any() & (store + row >= TILE),
+            "read": loads & (~reads | (read_row + load != TILE)) | reads & ~load.any(),
+            "unread": unread != load.any() & (load + row >= TILE),
+            "open": opened & store.any(),
+            "order": store.any() & load.any() & (load >= store),
+        }
+        m.d.comb += [self.bad[name].eq(chosen & value) for name, value in bad.items()]
+
+
+def circuit(folder):
+    harness = Harness()
+    return Circuit(harness, [*harness.inputs.values()], harness.bad, folder)
+
+
+@pytest.mark.long
+def test_no_row_is_read_before_its_store_has_landed(tmp_path):
+    proof = circuit(tmp_path)
+    assert proof.inductive(DEPTH)
+    assert not proof.fails(DEPTH)
+
+
+def _unheld(self, m, apart, last):
+    """Loads are not held back."""
+    PixelState._hold(self, m, apart, last)
+    m.d.comb += self.may_load.eq(apart)
+
+
+def _hasty(self, m, apart, last):
+    """A store counts as landed a row too early."""
+    PixelState._hold(self, m, apart, self.stored.row == TILE - 2)
+
+
+@pytest.mark.parametrize(("fault", "found"), [(_unheld, ("load_early", "read_early")), (_hasty, ("load_early",))])
+def test_faults_are_found(fault, found, tmp_path, monkeypatch):
+    monkeypatch.setattr(_Watched, "_hold", fault, raising=False)
+    proof = circuit(tmp_path)
+    for name in found:
+        assert proof.fails(DEPTH, name)
