@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from spec.constants import ENTRY_BYTES
 from spec.memory import BEAT_BYTES, BEAT_ENTRIES, DISPLAY_PIXEL_BYTES, PIXEL_BYTES, colour_beats
 from spec.queues import LIST_POINTERS, OUTPUT_DRAINS, TILE_TEST_BESIDE
 from spec.records import COUNT_BITS, frame_lists
-from spec.registers import READ_CLIENTS, WRITE_CLIENTS, read_clients, stages, write_clients
+from spec.registers import WRITE_CLIENTS, read_clients, stages, write_clients
 from spec.supertiles import check_supertiles
 
 BATCHES = 2
@@ -199,9 +199,9 @@ def _render(
     _set_paths(s, config)
     _set_array(s, trace, config, display)
     beats = colour_beats(config, trace.sh_degree)
-    s.record_beats, s.pairs = beats, trace.pairs
+    s.record_beats = beats
     s.colour_steps = len(constants.colour_steps(config, trace.sh_degree)) if trace.sh_degree else 0
-    s.parts, s.batches, s.supertiles = BATCHES, len(visits.batch_supertile), trace.supertiles
+    s.parts, s.batches = BATCHES, len(visits.batch_supertile)
     stop = np.where(trace.stop < 0, 1 << 40, trace.stop.astype(np.int64))
     blend = trace.blend & (config.level_banks == 2)
     tile_times = np.full((2, len(visits.drawn) + 1), -1, np.int64)
