@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from spec.codes import ErrorCode
 from spec.config import (
     BALANCED,
     DEFAULT,
@@ -23,7 +24,7 @@ from spec.config import (
 )
 from spec.host_settings import settings
 from spec.memory import FIRST_PAGE_BEATS
-from spec.registers import CHUNK_READ_CLIENTS, ErrorCode, read_clients, write_clients
+from spec.registers import CHUNK_READ_CLIENTS, read_clients, write_clients
 from tb.common.exact import Outcome
 from tb.common.runner import Waves
 from tb.common.scenes import traced_frames, traced_size

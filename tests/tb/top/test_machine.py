@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from msv2.studies.tradeoff.knobs import WORDS, Setting
+from spec.codes import ErrorCode
 from spec.config import TINY
-from spec.registers import ErrorCode
 from tb.top.device import machine
 from tb.top.stimuli import case, cloud, crowd
 from tb.top.suite import (

@@ -8,9 +8,9 @@ import pytest
 from golden.host.memory_image import DisplayPixels, FramePixels
 from golden.msv2_ref import projection
 from spec.chunks import CHUNK
+from spec.codes import ErrorCode
 from spec.config import TINY
 from spec.host_settings import first_illegal
-from spec.registers import ErrorCode
 from tb.top.check import expected_events
 from tb.top.check_stereo import stereo_events
 from tb.top.player import FrameResult, setting_writes
