@@ -11,6 +11,7 @@ import numpy as np
 from golden.kernels import compile_note, compile_seconds
 from golden.metrics.image import max_abs_error, psnr_vs
 from golden.msv2_ref import pipeline, projection
+from golden.msv2_ref.batches import FrameBatches
 from golden.msv2_ref.eyes import render_request, save_pictures, stereo_statistics
 from golden.msv2_ref.plan import Work, work_for
 from golden.oracle.render import render as render_oracle
@@ -83,6 +84,7 @@ def frame_statistics(frame: pipeline.Frame, request: Request) -> dict[str, objec
         "tiles": len(counts),
         "blend_tiles": int(request.foveation.blend.sum()),
         "groups": int(frame.groups[-1]) + 1,
+        **({} if frame.pairs is None else FrameBatches(frame).statistics),
         "coverage": float((1 - frame.transmittance).mean()),
         "seconds": {**frame.seconds, "total": sum(frame.seconds.values()), "compile": compile_seconds()},
     }

@@ -29,7 +29,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 from spec.command_line import choice, nearest
-from spec.config import MACHINES, ORDERS, RECORDS, WARP_FILLS, AcceleratorConfig, NumberFormats
+from spec.config import LISTS, MACHINES, ORDERS, RECORDS, WARP_FILLS, AcceleratorConfig, NumberFormats
 from spec.errors import InputError
 from spec.formats import NOTATION, Fixed, SmallFloat, parse_format
 from spec.relations import check_relations
@@ -41,9 +41,12 @@ _PARAMETERS = {name: kind for name, kind in typing.get_type_hints(AcceleratorCon
 _FORMATS = {f"{FORMATS}.{name}": kind for name, kind in typing.get_type_hints(NumberFormats).items()}
 _KINDS: dict[str, object] = {"name": str, **_PARAMETERS, **_FORMATS}
 _SWITCHES = {"true": True, "false": False, "1": True, "0": False}
-_WORDS = {"warp_fill": WARP_FILLS, "order": ORDERS, "records": RECORDS}
+_WORDS = {"warp_fill": WARP_FILLS, "order": ORDERS, "records": RECORDS, "lists": LISTS}
 _BEFORE_CHUNKS: dict[str, object] = {
     "order": "file", "chunks": False, "records": "wide", f"{FORMATS}.chunk": str(NumberFormats().chunk)}
+_BEFORE_SUPERTILES: dict[str, object] = {
+    f.name: f.default for f in fields(AcceleratorConfig)
+    if f.name in ("lists", "list_heads", "buckets", "header_lines", "batch_places")}
 _HASH_DIGITS = 8
 
 NAMES = tuple(_KINDS)
@@ -267,7 +270,8 @@ def config_options(args: argparse.Namespace) -> list[str]:
 
 
 def config_from_record(record: Mapping[str, object]) -> AcceleratorConfig:
-    """The machine that `config_record` described; where the record is from before machines with chunks, the machine has none.
+    """The machine that `config_record` described; where the record is from before machines with chunks, or with super-tiles,
+    the machine has none.
 
     Raises:
         InputError: a parameter is missing, unknown or not accepted.
@@ -277,8 +281,9 @@ def config_from_record(record: Mapping[str, object]) -> AcceleratorConfig:
         raise InputError(f"{FORMATS} {formats!r} is not accepted in a configuration's record: one value for each format is")
     given = {name: value for name, value in record.items() if name != FORMATS}
     given |= {f"{FORMATS}.{name}": value for name, value in formats.items()}
-    if not given.keys() & _BEFORE_CHUNKS.keys():
-        given |= _BEFORE_CHUNKS
+    for before in (_BEFORE_CHUNKS, _BEFORE_SUPERTILES):
+        if not given.keys() & before.keys():
+            given |= before
     missing = [name for name in NAMES if name not in given]
     if missing:
         raise InputError(f"a configuration's record without {', '.join(missing)} is not accepted: every parameter is needed")

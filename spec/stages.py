@@ -174,9 +174,10 @@ _SUPERTILE = (
         "pair_write", "Lists by super-tile, writing", StagePhase.GEOMETRY,
         "Pairs are assigned to the lists of their super-tile and written, combined to whole beats.",
         golden=("golden.msv2_ref.supertiles", "golden.msv2_ref.buckets"),
-        rtl=("rtl.supertiles.buckets", "rtl.supertiles.pair_writer"),
+        rtl=("rtl.supertiles.buckets", "rtl.supertiles.depth_buckets", "rtl.supertiles.pair_writer"),
         units=("depth_buckets", "pair_writer"),
-        suites=("tb.supertiles.lists_suite",), test="pair_lists", counters=("entry_write",)),
+        suites=("tb.supertiles.buckets_suite", "tb.supertiles.lists_suite", "tb.supertiles.order_suite"), test="pair_lists",
+        counters=("entry_write",)),
     Stage(
         "supertile_read", "Super-tile reading", StagePhase.RENDERING,
         "The settings of a super-tile's tiles are read, and its pairs are counted.",

@@ -24,7 +24,7 @@ from tb.sort_tmu import handover_suite as handover
 from tb.sort_tmu import hierarchical_suite
 from tb.sort_tmu import tile_merge_suite as tmu
 from tb.supertiles import array_suite as batch_array
-from tb.supertiles import batch_suite, buckets_suite, clip_suite, record_fetch_suite
+from tb.supertiles import batch_suite, buckets_suite, clip_suite, order_suite, record_fetch_suite
 from tb.supertiles import colour_suite as pair_colour
 from tb.supertiles import lists_suite as pair_lists
 from tb.supertiles import reader_suite as supertile_reader
@@ -49,7 +49,8 @@ UNITS = {
     "axi": {"axi": axi},
     "top": {"top": top},
     "supertile_test": {"supertile_clip": clip_suite, "supertile_test": supertile_test},
-    "pair_lists": {"depth_buckets": buckets_suite, "pair_lists": pair_lists, "supertile_reader": supertile_reader},
+    "pair_lists": {"depth_buckets": buckets_suite, "pair_lists": pair_lists, "pair_order": order_suite,
+                   "supertile_reader": supertile_reader},
     "record_fetch": {"record_fetch": record_fetch_suite},
     "pair_colour": {"pair_colour": pair_colour},
     "batch": {"batch": batch_suite},

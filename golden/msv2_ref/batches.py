@@ -170,6 +170,12 @@ class FrameBatches:
         pairs, misses = len(self.pairs.splat), self.header_misses
         return {"pairs": pairs, "header_hits": pairs - misses, "header_misses": misses, "batches": len(self.batches.supertile)}
 
+    @property
+    def statistics(self) -> dict[str, int]:
+        """Counts of the frame for stats.json; visits are those of a machine that does not know when a tile stops."""
+        return {**self.events, "supertiles": len(self.grid.tile), "places": len(self.places.pair),
+                "visits": len(self.visits.tile), "lists": self.frame.bounds.lists}
+
     @cached_property
     def visits(self) -> Visits:
         """The visits, in order, of a machine in which no tile stops."""

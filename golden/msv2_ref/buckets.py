@@ -41,8 +41,10 @@ def no_bounds(supertiles: int) -> Bounds:
     return Bounds(supertiles, np.zeros(0, np.int64), np.zeros(0, np.int64))
 
 
-def check_bounds(config: AcceleratorConfig, bounds: Bounds) -> None:
-    """Raises ValueError where the machine could not have these bounds."""
+def check_bounds(config: AcceleratorConfig, bounds: Bounds, supertiles: int) -> None:
+    """Raises ValueError where the machine could not have these bounds for a frame of so many super-tiles."""
+    if bounds.supertiles != supertiles:
+        raise ValueError(f"bounds must be those of {supertiles} super-tiles, not of {bounds.supertiles!r}")
     most = frame_lists(config)
     if bounds.lists > most:
         raise ValueError(f"bounds must leave at most {most} lists, not {bounds.lists!r}")
@@ -52,9 +54,8 @@ def check_bounds(config: AcceleratorConfig, bounds: Bounds) -> None:
     if len(counts) > bounds.supertiles or counts.max(initial=0) > BUCKETS - 1:
         raise ValueError(f"bounds must be at most {BUCKETS - 1} for each of {bounds.supertiles} super-tiles, not "
                          f"{counts.tolist()!r}")
-    order = np.lexsort((bounds.key, bounds.supertile))
-    if not np.array_equal(order, np.arange(len(order))) and not (
-            np.array_equal(bounds.key[order], bounds.key) and np.array_equal(bounds.supertile[order], bounds.supertile)):
+    later, higher = np.diff(bounds.supertile), np.diff(bounds.key)
+    if not ((later > 0) | (later == 0) & (higher >= 0)).all():
         raise ValueError("bounds must not decrease, by super-tile and key")
 
 
@@ -90,11 +91,3 @@ def next_bounds(config: AcceleratorConfig, start: np.ndarray, depth_key: np.ndar
     most = frame_lists(config) - supertiles
     key = depth_key[start[supertile] + number * every].astype(np.int64)
     return Bounds(supertiles, supertile[:most], key[:most])
-
-
-def as_dense(bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
-    """The bounds as a table: (super-tiles,) int64 numbers of bounds, and (super-tiles, BUCKETS - 1) int64 keys, 0 beyond."""
-    counts = np.bincount(bounds.supertile, minlength=bounds.supertiles)
-    keys = np.zeros((bounds.supertiles, BUCKETS - 1), np.int64)
-    keys[bounds.supertile, np.arange(len(bounds.key)) - (np.cumsum(counts) - counts)[bounds.supertile]] = bounds.key
-    return counts, keys

@@ -229,7 +229,7 @@ def render_frame(
     if config.supertiles:
         pairs = find_pairs(registers, words.chunks, projected.depth_key, entries)
         bounds = bounds or no_bounds(len(pairs.start) - 1)
-        check_bounds(config, bounds)
+        check_bounds(config, bounds, len(pairs.start) - 1)
         groups = merge_lists(config, list_counts(pairs, bounds), beta)
     else:
         groups = tile_merge.merge_tiles(

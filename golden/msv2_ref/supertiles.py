@@ -14,7 +14,7 @@ from golden.msv2_ref.tile_test import Intersections
 from spec.chunks import PLACE_BITS
 from spec.config import AcceleratorConfig
 from spec.constants import SUPER_TILES, SUPER_X, SUPER_Y
-from spec.records import intersection, list_group, tile_group
+from spec.records import intersection, list_group
 from spec.supertiles import supertile_pair
 
 
@@ -101,7 +101,9 @@ def find_pairs(
         depth_key: (N,) sort key of every Gaussian.
         entries: the frame's intersections, within a tile by depth key and index.
     """
-    grid, splats = super_grid(registers), np.unique(entries.splat)
+    grid, seen = super_grid(registers), np.zeros(len(depth_key), bool)
+    seen[entries.splat] = True
+    splats = np.flatnonzero(seen)
     rank = np.zeros(len(depth_key), np.int64)  # place in the order of depth key and index
     rank[splats[np.argsort(depth_key[splats], kind="stable")]] = np.arange(len(splats))
     tile = np.repeat(np.arange(len(grid.supertile)), np.diff(entries.start))
@@ -133,21 +135,13 @@ def merge_lists(config: AcceleratorConfig, counts: np.ndarray, beta: int | None)
 
 
 def list_groups(config: AcceleratorConfig, pairs: Pairs, bounds: Bounds, beta: int | None) -> np.ndarray:
-    """(lists,) ListGroup records; without `ends` they are the TileGroups that the tile merge unit emits."""
+    """(lists,) ListGroup records: the TileGroups that the tile merge unit emits, and `ends`."""
     counts = list_counts(pairs, bounds)
     groups = merge_lists(config, counts, beta)
     rows = np.zeros(len(counts), list_group(config).dtype)
     rows["tile"], rows["count"], rows["group"] = np.arange(len(counts)), counts, groups
     rows["last"] = np.append(np.diff(groups) > 0, True)
     rows["ends"][bounds.first[1:] - 1] = 1
-    return rows
-
-
-def tile_groups_of(config: AcceleratorConfig, groups: np.ndarray) -> np.ndarray:
-    """(lists,) TileGroup records of ListGroup records."""
-    rows = np.zeros(len(groups), tile_group(config).dtype)
-    for name in rows.dtype.names:
-        rows[name] = groups[name]
     return rows
 
 

@@ -189,19 +189,19 @@ def tile_columns(config: AcceleratorConfig) -> Dataflow:
     """
     e = Ellipse(config)
     g, n = e.g, e.formats
-    conic, mean = _splat_inputs(g, n)
+    splat_inputs = _splat_inputs(g, n)
     row = g.input("row", uint(TILE_BITS))
     opacity, other = g.input("opacity", n.log2_opacity), g.input("other_opacity", n.log2_opacity)
     width, height = _size_settings(g, config)
-    splat = e.splat(*conic, *mean, opacity, other)
+    splat = e.splat(*splat_inputs, opacity, other)
     _columns(g, n.mean2d, width, splat.mean_x, *e.edges(splat, row, height))
     return g
 
 
-def _splat_inputs(g: Dataflow, n: NumberFormats) -> tuple[tuple[Node, ...], tuple[Node, ...]]:
-    """The inputs l1, l2, l3, and mean_x, mean_y."""
-    conic = tuple(g.input(name, n.conic) for name in ("l1", "l2", "l3"))
-    return conic, tuple(g.input(name, n.mean2d) for name in ("mean_x", "mean_y"))
+def _splat_inputs(g: Dataflow, n: NumberFormats) -> tuple[Node, Node, Node, Node, Node]:
+    """The inputs l1, l2, l3, mean_x and mean_y."""
+    l1, l2, l3 = (g.input(name, n.conic) for name in ("l1", "l2", "l3"))
+    return l1, l2, l3, g.input("mean_x", n.mean2d), g.input("mean_y", n.mean2d)
 
 
 def _size_settings(g: Dataflow, config: AcceleratorConfig) -> tuple[Node, Node]:
@@ -220,11 +220,11 @@ def row_columns(config: AcceleratorConfig, rows: int) -> Dataflow:
     """
     e = Ellipse(config)
     g, n = e.g, e.formats
-    conic, mean = _splat_inputs(g, n)
+    splat_inputs = _splat_inputs(g, n)
     at = [g.input(f"row_{i}", uint(TILE_BITS)) for i in range(rows)]
     opacity = g.input("opacity", n.log2_opacity)
     width, height = _size_settings(g, config)
-    splat = e.splat(*conic, *mean, opacity, opacity)
+    splat = e.splat(*splat_inputs, opacity, opacity)
     for i, row in enumerate(at):
         _columns(g, n.mean2d, width, splat.mean_x, *e.edges(splat, row, height), suffix=f"_{i}")
     return g

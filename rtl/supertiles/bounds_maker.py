@@ -40,7 +40,8 @@ class BoundsMaker(wiring.Component):
         row, bound, ends: what is written to the tables of the next frame.
         busy: a pair or a bound has not yet changed `numbering`.
 
-    Storage: a few bounds. Latency: 6 cycles from a pair to its bound, and more where super-tiles are between.
+    Storage: a few bounds. Throughput: one pair per cycle. Latency: a few cycles from a pair to its bound, and one more for each
+    super-tile after that of the bound before.
     """
 
     def __init__(self, config: AcceleratorConfig, every: int):

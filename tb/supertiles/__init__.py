@@ -4,6 +4,7 @@
     clip_*          boxes cut to super-tiles
     colour_*        the colour unit
     buckets_*       depth buckets over several frames
+    order_*         the same with lists in memory and the sorter: the order of pairs, whatever the bounds are
     lists_*         the writer of pairs, whose lists are read back from memory
     reader_*        the super-tiles
     record_fetch_*  record fetch, with the golden decoder and the cache that `golden.msv2_ref.fetch` models

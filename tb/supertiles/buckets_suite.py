@@ -88,7 +88,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Case:
-    """Consecutive frames after a reset, whatever they are called together."""
+    """Consecutive frames. The first one follows a reset, so it has no bounds."""
 
     name: str
     frames: tuple[Frame, ...]

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from spec.config import CONFIGS, PAPER, TINY, AcceleratorConfig, NumberFormats
+from spec.config import CONFIGS, PAPER, SUPERTILES, TINY, TINY_SUPERTILES, V3, AcceleratorConfig, NumberFormats
 from spec.errors import InputError
 from spec.formats import SQ, UQ, Fixed, SmallFloat, parse_format
 from spec.overrides import (
@@ -98,6 +98,17 @@ def test_a_record_from_before_chunks_is_a_machine_without_them():
     assert config_from_record(record) == PAPER
     with pytest.raises(InputError, match=r"record without chunks, formats\.chunk is not accepted"):
         config_from_record(record | {"order": "spatial", "records": "wide"})
+
+
+def test_a_record_from_before_super_tiles_is_a_machine_without_them():
+    record, names = config_record(V3), ("lists", "list_heads", "buckets", "header_lines", "batch_places")
+    for name in names:
+        del record[name]
+    assert config_from_record(record) == V3
+    with pytest.raises(InputError, match=r"record without list_heads, buckets, header_lines, batch_places is not accepted"):
+        config_from_record(record | {"lists": "tile"})
+    for machine in (SUPERTILES, TINY_SUPERTILES):
+        assert config_from_record(config_record(machine)) == machine
 
 
 def test_every_field_can_be_set():

@@ -40,7 +40,7 @@ def test_a_stage_without_a_golden_module_only_moves_data(stage):
 
 
 def test_units_are_registered_and_belong_to_one_stage():
-    units = [unit for stage in STAGES for unit in stage.units]
+    units = [unit for stage in EVERY_STAGE for unit in stage.units]
     assert max(Counter(units).values()) == 1 and set(units) <= set(UNITS)
     arithmetic = {name for name in UNITS if name.startswith(("float_", "fixed_"))}
     shared = {"axi_master", "register_file", "frame_controller", "saturation_counters", "msv2_top"}
@@ -52,13 +52,14 @@ def test_counters_are_those_of_the_table():
     assert registers.STEREO_STAGES == watched(StagePhase.SECOND_EYE)
     assert registers.STAGES == ("geometry", "projection", "tile_test", "colour", "entry_write", "list_read", "sort", "handover",
                                 "fetch", "array", "pixel_write")
+    assert registers.SUPERTILE_STAGES == watched(StagePhase.GEOMETRY, StagePhase.RENDERING, supertiles=True)
 
 
 def test_suites_are_those_that_the_simulation_command_runs():
-    for stage in STAGES:
+    for stage in EVERY_STAGE:
         assert {import_module(name) for name in stage.suites} <= set(TESTS[stage.test].values()), stage.name
     tests = {name for name, suites in TESTS.items() for suite in suites.values()
-             if suite.__name__ in {module for stage in STAGES for module in stage.suites}}
-    assert tests == {stage.test for stage in STAGES} == set(TESTS) - {"float", "axi", "top"}
-    listed = {module for stage in STAGES for module in stage.suites}
+             if suite.__name__ in {module for stage in EVERY_STAGE for module in stage.suites}}
+    assert tests == {stage.test for stage in EVERY_STAGE} == set(TESTS) - {"float", "axi", "top"}
+    listed = {module for stage in EVERY_STAGE for module in stage.suites}
     assert all(suite.__name__ in listed for name in tests for suite in TESTS[name].values())

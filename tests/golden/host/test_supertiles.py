@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from itertools import pairwise
 
@@ -102,6 +103,12 @@ def test_a_frame_of_super_tiles_through_the_command_line(tmp_path):
         main(["embedded", "--config", "v3", "--set", f"lists={lists}", "--size", "96x54", "--out", str(tmp_path / name)])
     pictures = [(tmp_path / name / "frame.png").read_bytes() for name in "ab"]
     assert pictures[0] == pictures[1]
+    tiles, supertiles = (json.loads((tmp_path / name / "stats.json").read_text()) for name in "ab")
+    new = {"pairs", "supertiles", "places", "visits", "lists", "batches", "header_hits", "header_misses"}
+    assert supertiles.keys() - tiles.keys() == new
+    assert (supertiles["supertiles"], supertiles["lists"], supertiles["tiles"]) == (2, 2, 24)
+    assert supertiles["pairs"] == supertiles["header_hits"] + supertiles["header_misses"] < supertiles["entries"]
+    assert all(tiles[name] == supertiles[name] for name in ("visible", "culled", "entries", "entries_filtered", "coverage"))
 
 
 def test_more_chunks_than_their_number_can_hold_are_refused(monkeypatch):

@@ -9,8 +9,9 @@ import pytest
 
 from golden.host.quantise import quantise_model
 from golden.msv2_ref import batches, supertiles
-from golden.msv2_ref.buckets import Bounds, as_dense, check_bounds, list_numbers, next_bounds, no_bounds
+from golden.msv2_ref.buckets import Bounds, check_bounds, list_numbers, next_bounds, no_bounds
 from golden.msv2_ref.pipeline import Frame, render
+from golden.msv2_ref.tile_merge import tile_groups
 from golden.scenes.embedded.splats import cached_embedded_model
 from golden.scenes.embedded.views import embedded_cameras
 from golden.scenes.levels import smfr_levels
@@ -57,9 +58,7 @@ def test_the_next_bounds_are_those_of_the_text(seed):
     every = int(rng.choice([1, 5, EVERY, 2048]))
     bounds = next_bounds(config, start, keys, every)
     assert as_lists(bounds) == bounds_by_the_text(start, keys, frame_lists(config), every)
-    check_bounds(config, bounds)
-    counts, table = as_dense(bounds)
-    assert [row[:n].tolist() for n, row in zip(counts, table, strict=True)] == as_lists(bounds)
+    check_bounds(config, bounds, len(start) - 1)
 
 
 def test_the_first_key_is_never_a_bound_and_pair_2048_is_the_first():
@@ -74,7 +73,7 @@ def test_machines_without_buckets_make_no_bounds():
     config = TINY_SUPERTILES.with_(buckets=False)
     assert next_bounds(config, np.array([0, 100]), np.arange(100), 10).lists == 1
     with pytest.raises(ValueError, match=r"^bounds must be none in a machine without buckets, not 1$"):
-        check_bounds(config, Bounds(1, np.array([0]), np.array([5])))
+        check_bounds(config, Bounds(1, np.array([0]), np.array([5])), 1)
 
 
 @pytest.mark.parametrize(("supertile", "key", "message"), [
@@ -84,7 +83,12 @@ def test_machines_without_buckets_make_no_bounds():
 def test_bounds_that_no_machine_has_are_refused(supertile, key, message):
     config = TINY_SUPERTILES.with_(list_heads=28)
     with pytest.raises(ValueError, match=message):
-        check_bounds(config, Bounds(2, np.array(supertile), np.array(key)))
+        check_bounds(config, Bounds(2, np.array(supertile), np.array(key)), 2)
+
+
+def test_bounds_of_another_frame_size_are_refused():
+    with pytest.raises(ValueError, match=r"^bounds must be those of 2 super-tiles, not of 3$"):
+        render(random_model(np.random.default_rng(0), 9), view(200, 20), config=TINY_SUPERTILES, bounds=no_bounds(3))
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -132,7 +136,6 @@ def test_bounds_change_the_order_of_nothing(beta):
     frame = render(words, camera, **options)
     wanted, grouped = frame.pairs, set()
     for name, bounds in all_bounds(frame).items():
-        check_bounds(frame.config, bounds)
         again = render(words, camera, bounds=bounds, **options)
         binned = supertiles.binned_pairs(frame.config, again.pairs)[:-1]
         lists = list_numbers(bounds, binned["supertile"], binned["depth_key"])
@@ -160,7 +163,7 @@ def test_lists_of_a_super_tile_follow_each_other_and_the_last_one_ends_it():
     assert np.array_equal(np.flatnonzero(groups["ends"]), bounds.first[1:] - 1)
     totals = np.add.reduceat(groups["count"], bounds.first[:-1])
     assert np.array_equal(totals, np.diff(frame.pairs.start)) and bounds.lists > bounds.supertiles
-    tiles = supertiles.tile_groups_of(frame.config, groups)
+    tiles = tile_groups(frame.config, groups["count"], bounds.lists, 1)  # as tiles of one row
     assert all(np.array_equal(tiles[name], groups[name]) for name in tiles.dtype.names)
 
 

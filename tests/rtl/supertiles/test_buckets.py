@@ -16,6 +16,7 @@ from spec.records import intersection_item, list_group, tile_group
 from spec.supertiles import supertile_pair
 from tb.common.exact import problems
 from tb.supertiles import buckets_suite as suite
+from tb.supertiles import order_suite
 from tests.helpers.rtl_ports import cycles_of, play, words_of
 from tests.helpers.rtl_streams import assert_rejected
 
@@ -82,6 +83,15 @@ def test_the_machine_has_the_unit_that_its_parameter_names():
     for buckets, unit in machine.items():
         assert isinstance(unit, DepthBuckets if buckets else SingleLists)
         to_rtlil(unit, "depth_buckets")
+
+
+@pytest.mark.long
+def test_pairs_leave_the_sorter_in_the_same_order_whatever_the_bounds_are(tmp_path):
+    plan = order_suite.full_plan(TINY_SUPERTILES, 0)
+    outcome = order_suite.run_plan(TINY_SUPERTILES, plan, tmp_path)
+    assert outcome.failures == {} and outcome.runs == 30
+    lists = {item.name: item.expected["sorted"]["tile"].max(initial=0) for item in plan}
+    assert lists["turned a little"] == 14 and lists["bad bounds"] > 14  # 7 super-tiles
 
 
 @pytest.mark.long
