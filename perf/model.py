@@ -15,6 +15,7 @@ from perf.plan import (
     MemoryMap,
     RenderPlan,
     eye_lists,
+    group_ends,
     largest_group,
     memory_map,
     render_plan,
@@ -333,6 +334,7 @@ def _render(
     s.capacity = capacity
     stages, keys = chunks.chunk_stages(capacity)
     chunks.begin_stages(stages, plan.chunk_ends)
+    s.lockstep = config.lockstep
     s.incremental, s.ring_runs = config.incremental, plan.ring_runs if plan.chunk_spill.any() else 0
     s.spill_base, s.ring_beats = where.spill, plan.ring_runs * capacity // BEAT_ENTRIES
     s.way_room[: config.merge_ways] = 32
@@ -348,7 +350,8 @@ def _render(
         eye.counts[plan.drawn], eye.blend[plan.drawn] & (config.level_banks == 2), plan.drawn, eye.stop[plan.drawn],
         plan.group_end, eye.use, plan.missed, plan.view, plan.chunk_length, plan.chunk_spill, plan.chunk_last,
         plan.chunk_ends, plan.arrival, stages, keys, plan.part_runs, plan.job_start, plan.job_length, plan.job_entries,
-        plan.job_out, plan.job_waits, plan.way_of, plan.job_begin, plan.job_goal, trace.holes, times, tile_times, LIMIT)
+        plan.job_out, plan.job_waits, plan.way_of, plan.job_begin, plan.job_goal, *group_ends(plan), trace.holes, times,
+        tile_times, LIMIT)
     events = dram_commands(s) | {
         "ops": int(s.ops), "skipped": int(s.skipped), "fetch_misses": int(s.missed),
         "spilled_entries": int(plan.way_of.size)}

@@ -295,3 +295,9 @@ def _cache_misses(eye: EyeTrace, level: np.ndarray, lines: int) -> np.ndarray:
 def tile_rows(config: AcceleratorConfig) -> int:
     """Number of pixel rows in a tile."""
     return TILE * TILE // config.cores_x
+
+
+def group_ends(plan: RenderPlan) -> tuple[np.ndarray, np.ndarray]:
+    """The last tile of each group with intersections, and its place among the tiles that are rendered."""
+    last = np.searchsorted(plan.groups, plan.filled, side="right") - 1
+    return last, np.searchsorted(plan.drawn, last)

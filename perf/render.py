@@ -5,7 +5,7 @@ Units are stepped from the last to the first, for the reason that `perf.geometry
 
 from __future__ import annotations
 
-from perf import blending, bus, chunks, lists, memory, sorter, warp
+from perf import blending, bus, chunks, lists, memory, sorter, swap, warp
 from perf.bus import ENTRIES, SPILL, TILES, VIEWS, W_FRAME, W_SPILL, W_WARP
 from perf.kernel import phase, step
 from perf.watch import BLENDING, FETCHING, HANDING, SORTING
@@ -66,7 +66,8 @@ def _rows(s, t, writer, tile_number, tile_times, fills):
 def render_phase(
     s, ways, tile_counts, tile_lasts, rendered, page_beat, page_start, drawn_counts, drawn_blend, drawn_number, stop, group_end,
     use, missed, view_beat, chunk_length, chunk_spill, chunk_last, chunk_ends, arrival, stages, keys, part_runs, job_start,
-    job_length, job_entries, job_out, job_waits, way_of, job_begin, job_goal, fills, times, tile_times, limit,
+    job_length, job_entries, job_out, job_waits, way_of, job_begin, job_goal, group_tile, group_drawn, fills, times, tile_times,
+    limit,
 ):
     """Simulates the phase RENDER. Returns its cycles, or -1 when it has not ended within `limit` cycles."""
     tiles = len(tile_counts)
@@ -78,6 +79,7 @@ def render_phase(
         levels, buffered = s.fetch_tiles, blending.buffered(s)
         if blending.pixels_finished(s, t) and s.wait_out == tiles and warp.finished(s, t):
             return t + 1
+        swap.step_swap(s, group_tile, group_drawn)
         blending.load_issue(s, t)
         blending.step_issue(s, t)
         _rows(s, t, writer, drawn_number, tile_times, fills)
@@ -98,9 +100,9 @@ def render_phase(
             job_length, job_entries, job_out, job_waits, way_of, job_begin, job_goal,
         ):
             _note(s, t, HANDING, group_end[at], times)
-        shown = s.entry_shown
+        shown = s.entry_shown and swap.may_enter(s)
         room = chunks.step_stages(stages, keys, s.sorted + s.spilled, shown, chunk_ends, arrival)
-        if lists.step_unpack(s, t, room):
+        if lists.step_unpack(s, t, room and shown):
             s.busy_sort += 1
             _note(s, t, SORTING, group_end[s.sort_taken], times)
             s.sort_taken += 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from perf import bus
+from perf import bus, swap
 from perf.bus import SPILL, W_SPILL
 from perf.kernel import step
 from perf.layout import Layout
@@ -278,12 +278,13 @@ def step_sort_out(
     offers = _sorted(s, t, chunk_offers, chunk_spill, job_entries, job_out)
     freed, moves = s.freeing, False
     s.freeing = 0
-    if offers:
+    if offers and swap.may_leave(s):
         moves = _hand_over(s, t, group_end[s.sorted])
         if moves:
             s.busy_handover += 1
         else:
             s.blocked_handover += 1
+            swap.make_room(s)
     if moves:
         if offers < 0:
             last = s.place_out + 1 == chunk_length[s.chunk_out]
@@ -335,7 +336,7 @@ def handover_offers(s, t):
     if s.incremental:
         at = s.line_out
         return at != s.line_in and s.line_times[at & s.line_mask] <= t
-    return s.source != 0
+    return s.source != 0 and swap.may_show(s)
 
 
 @step

@@ -14,3 +14,5 @@ SORTING, HANDING, FETCHING, BLENDING = range(4)
 
 layout.ring("group", 4)
 layout.ring("group_open", 4)
+layout.words("""
+    lockstep enter_limit leave_limit show_limit enter_next leave_next show_next groups_announced groups_finished""")

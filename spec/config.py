@@ -147,6 +147,8 @@ class AcceleratorConfig:
         sort_buffer_bytes: capacity of the double buffer before sorting, a power of two; see `sort_chunk`.
         incremental: whether stages hand over through line buffers as work becomes final; otherwise whole groups and whole
             tiles are handed over through double buffers, which is the paper's baseline.
+        lockstep: whether reading, sorting and rendering take one group each and swap their double buffers together, once all
+            have done; this is our reading of the paper's baseline (`paper_base`), and needs `incremental` to be False.
         merge_ways: number of sorted runs that are merged at a time where a group is larger than the sort buffer.
         splat_cache_lines: number of splat records that the cache of the array's fetch unit holds.
         counters: whether the machine has performance counters.
@@ -189,6 +191,7 @@ class AcceleratorConfig:
     line_buffer_bytes: int = 1024
     sort_buffer_bytes: int = 65536
     incremental: bool = True
+    lockstep: bool = False
     merge_ways: int = 8
     splat_cache_lines: int = 2048
     counters: bool = True
@@ -232,7 +235,8 @@ class AcceleratorConfig:
                      "header_lines", "batch_places"):
             if getattr(self, name) & (getattr(self, name) - 1):
                 raise ValueError(f"{name} must be a power of two, not {getattr(self, name)!r}")
-        for name in ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks", "buckets"):
+        for name in ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks", "buckets",
+                     "lockstep"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"{name} must be a bool, not {getattr(self, name)!r}")
         if self.warp_fill not in WARP_FILLS:
@@ -244,6 +248,8 @@ class AcceleratorConfig:
             raise ValueError(f"order must be 'spatial' in a machine with chunks, not {self.order!r}")
         if self.records == "compact" and not self.chunks:
             raise ValueError(f"chunks must be True in a machine with compact records, not {self.chunks!r}")
+        if self.lockstep and (self.incremental or self.stereo or self.supertiles):
+            raise ValueError("lockstep must be False where incremental or stereo is True or lists belong to super-tiles")
         if self.supertiles and self.records != "compact":
             raise ValueError(f"records must be 'compact' in a machine with lists by super-tile, not {self.records!r}")
         if self.supertiles and self.stereo:
@@ -327,6 +333,10 @@ TINY_SUPERTILES = TINY.with_(
     batch_places=64)
 DEFAULT = AcceleratorConfig(name="default", culling_units=2, row_width=1280, warp_lanes=2, warp_columns=256)
 PAPER = AcceleratorConfig(name="paper")
+PAPER_BASE = PAPER.with_(name="paper_base", incremental=False, lockstep=True)
+"""The baseline that the paper's text describes, as we read it: double buffers with one tile in each half on both sides of
+sorter and array, swapped when both are done, and rows that leave before the next tile begins. Frames are rendered on it without
+merging (`beta` 0)."""
 V3 = PAPER.with_(name="v3", order="spatial", chunks=True, records="compact")
 SUPERTILES = V3.with_(name="supertiles", lists="supertile")
 """The next step of V3, until the whole machine has it."""
@@ -346,5 +356,6 @@ PRESETS = {config.name: config for config in (PRECISE, BALANCED, FAST)}
 
 CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER, V3, *PRESETS.values())}
 
-MACHINES = CONFIGS | {config.name: config for config in (TINY_SUPERTILES, SUPERTILES)}
-"""What command lines take as a machine's name: those above, and the next step of V3, until it takes the place of V3."""
+MACHINES = CONFIGS | {config.name: config for config in (PAPER_BASE, TINY_SUPERTILES, SUPERTILES)}
+"""What command lines take as a machine's name: those above, the paper's baseline, and the next step of V3, until it takes
+the place of V3."""

@@ -29,8 +29,9 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from enum import Enum, IntEnum
+from enum import Enum
 
+from spec.codes import Code, ErrorCode, Phase
 from spec.config import AcceleratorConfig
 from spec.formats import Fixed, Format, SmallFloat
 from spec.host_settings import limits, settings, with_every_register
@@ -89,57 +90,6 @@ STEREO_STAGES = watched(StagePhase.SECOND_EYE)
 STEREO_WRITE_CLIENTS = ("warp",)
 """Additional write clients of machines with stereo: `warp` writes the target eye's warped pixels. The client `frame` writes its
 rendered pixels."""
-
-
-class Code(IntEnum):
-    """Named numbers that a register holds."""
-
-    @classmethod
-    def width(cls) -> int:
-        """Number of bits that the largest of them needs."""
-        return max(cls).bit_length()
-
-
-class Phase(Code):
-    """What the machine is doing."""
-
-    IDLE = 0
-    """The machine is ready for `start`."""
-    CLEAR = 1
-    """The units clear their state of the frame before."""
-    TABLE = 2
-    """The machine reads the table of tiles."""
-    GEOMETRY = 3
-    """Projection and tile test of all Gaussians, and their colours, which with super-tiles belong to the next phase."""
-    RENDER = 4
-    """Merging, sorting and blending of all tiles."""
-    DRAIN = 5
-    """The frame has failed; the machine waits for outstanding answers of memory."""
-    RESET = 6
-    """The frame has failed; the machine resets all units."""
-
-
-class ErrorCode(Code):
-    """Why a frame ended early, or did not begin."""
-
-    NONE = 0
-    """No error."""
-    BAD_SETTING = 1
-    """A setting is out of its limits; `bad_setting` says which. The frame did not begin."""
-    READ_ERROR = 2
-    """Memory answered a read with an error; `error_clients` names the client."""
-    WRITE_ERROR = 3
-    """Memory answered a write with an error; `error_clients` names the client."""
-    ENTRIES_FULL = 4
-    """The intersections of all tiles need more beats than `entries_beats`."""
-    SPILL_FULL = 5
-    """The spilled runs need more beats than `spill_beats`."""
-    COUNT_SATURATED = 6
-    """A tile, or a group of tiles, has more intersections than can be counted or addressed."""
-    ABORTED = 7
-    """`control.abort` ended the frame."""
-    WATCHDOG = 8
-    """No beat of memory moved for 2^24 cycles."""
 
 
 class Access(Enum):

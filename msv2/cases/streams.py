@@ -14,8 +14,8 @@ from msv2.cases.case import Case
 from msv2.cases.check import MACHINE, Cell
 from msv2.cases.makers import random_model, turned_view, view
 from msv2.cases.order import crowded
+from spec.codes import ErrorCode
 from spec.memory import FIRST_PAGE_BEATS
-from spec.registers import ErrorCode
 from tb.sort_tmu import tile_merge_suite as tmu
 from tb.top.planned import SPEEDS, PlannedFrame, planned
 from tb.top.stimuli import Case as Played

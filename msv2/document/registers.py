@@ -12,9 +12,10 @@ from msv2.document.registers_svd import svd
 from msv2.document.registers_systemrdl import systemrdl
 from msv2.document.text import doc_of, one_line, table
 from spec import host_settings, registers
+from spec.codes import ErrorCode, Phase
 from spec.config import AcceleratorConfig
 from spec.paths import DOCS
-from spec.registers import ErrorCode, Phase, Register
+from spec.registers import Register
 
 
 def _with_bits(group: list[Register]) -> list[str]:

@@ -9,9 +9,10 @@ from itertools import pairwise
 
 from msv2.document.text import attribute_docs
 from spec import registers
+from spec.codes import Code
 from spec.config import PAPER, AcceleratorConfig
 from spec.host_settings import with_every_register
-from spec.registers import Code, Register
+from spec.registers import Register
 
 EVERY_MACHINE, SUPERTILE_MACHINE = with_every_register(PAPER)
 """The machines of the documents in docs/, which describe the first and what the second has besides. Together they have all

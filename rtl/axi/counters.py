@@ -7,9 +7,10 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.axi.registers import counters_layout
+from spec.codes import Phase
 from spec.config import AcceleratorConfig
 from spec.queues import COUNTER_BITS
-from spec.registers import Phase, events, read_clients, stages, write_clients
+from spec.registers import events, read_clients, stages, write_clients
 
 
 class StageCounters(wiring.Component):

@@ -9,14 +9,13 @@ from amaranth.lib.wiring import In, Out
 from rtl.axi import bus
 from rtl.axi.lite import LiteSlave
 from rtl.shapes import layout
+from spec.codes import ErrorCode, Phase
 from spec.config import AcceleratorConfig
 from spec.host_settings import limits, settings
 from spec.memory import frame_settings
 from spec.registers import (
     COUNTERS_BASE,
     Access,
-    ErrorCode,
-    Phase,
     Register,
     counters,
     identity,

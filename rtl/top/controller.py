@@ -24,12 +24,12 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.shapes import shape
+from spec.codes import ErrorCode, Phase
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import frame_settings
 from spec.queues import WATCHDOG_BITS
 from spec.records import frame_tiles
-from spec.registers import ErrorCode, Phase
 
 _RESET_CYCLES = 4
 _TILE_SHIFT = (TILE - 1).bit_length()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeAlias
 
 from amaranth.hdl import Cat, ClockDomain, ClockSignal, DomainRenamer, Module, Mux, ResetSignal, Signal, Value
 from amaranth.lib import wiring
@@ -19,11 +19,13 @@ from rtl.top.controller import FrameController
 from rtl.top.gather_phase import GatherPhase
 from rtl.top.geometry_phase import GeometryPhase
 from rtl.top.render_phase import RenderPhase
+from spec.codes import ErrorCode
 from spec.config import AcceleratorConfig
 from spec.queues import READ_DEPTHS
-from spec.registers import ErrorCode, events, read_clients, stages, write_clients
+from spec.registers import events, read_clients, stages, write_clients
 
-FirstPhase, SecondPhase = GeometryPhase | BinPhase, RenderPhase | GatherPhase
+FirstPhase: TypeAlias = GeometryPhase | BinPhase
+SecondPhase: TypeAlias = RenderPhase | GatherPhase
 
 
 class Machine(wiring.Component):

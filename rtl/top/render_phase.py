@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Member, Out
@@ -9,6 +11,7 @@ from amaranth.lib.wiring import In, Member, Out
 from rtl.shapes import layout
 from rtl.sort_tmu.handover import handover
 from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
+from rtl.sort_tmu.swap import GATES, SwapTogether
 from rtl.sort_tmu.tile_merge import TileMergeUnit
 from rtl.stream import Broadcast, Fork
 from rtl.tile_lists.header_maker import HeaderMaker
@@ -20,6 +23,7 @@ from rtl.vrc_array.splat_fetch import SplatFetch
 from rtl.warp_unit.warp_unit import EVENTS as WARP_EVENTS
 from rtl.warp_unit.warp_unit import WarpUnit
 from spec.config import AcceleratorConfig
+from spec.constants import TILE
 from spec.queues import COUNTER_BITS, OUTPUT_DRAINS
 from spec.records import frame_tiles, intersection_tile, tile_index
 from spec.registers import STEREO_EVENTS, STEREO_STAGES, STEREO_WRITE_CLIENTS
@@ -118,9 +122,8 @@ class RenderPhase(wiring.Component):
         opened = self._gate(m, merge, fork)
         wiring.connect(m, fork.sources[0], reader.tiles)
         wiring.connect(m, fork.sources[1], headers.tiles)
-        wiring.connect(m, reader.groups, sorter.groups)
-        wiring.connect(m, sorter.sorted, buffer.sink)
-        wiring.connect(m, buffer.source, fetch.sorted)
+        ways = ((reader.groups, sorter.groups), (sorter.sorted, buffer.sink), (buffer.source, fetch.sorted))
+        self._sort(m, merge, array, ways)
         wiring.connect(m, headers.levels, fetch.tiles)
         wiring.connect(m, headers.headers, array.tiles)
         wiring.connect(m, fetch.entries, array.entries)
@@ -143,6 +146,20 @@ class RenderPhase(wiring.Component):
         if self.config.counters:
             self._count(m, merge, sorter, fetch, array, writer)
         return m
+
+    def _sort(self, m: Module, merge: TileMergeUnit, array: VrcArray, ways: tuple[tuple[Any, Any], ...]) -> None:
+        """Connects the ways of intersections into the sorter, out of it, and to the splat fetch."""
+        if self.config.lockstep:
+            m.submodules.swap = swap = SwapTogether(self.config)
+            groups, rows, last_row, last_column = merge.groups, array.pixels, TILE - 1, TILE - self.config.cores_x
+            m.d.comb += [
+                swap.clear.eq(self.clear), swap.tile.eq(groups.payload), swap.tile_moves.eq(groups.valid & groups.ready),
+                swap.row_ends.eq(
+                    rows.valid & rows.ready & (rows.payload.row == last_row) & (rows.payload.column == last_column))]
+            ways = tuple(way for name, (source, sink) in zip(GATES, ways, strict=True) for way in (
+                (source, getattr(swap, f"{name}_in")), (getattr(swap, f"{name}_out"), sink)))
+        for source, sink in ways:
+            wiring.connect(m, source, sink)
 
     def _second_eye(
         self, m: Module, merge: TileMergeUnit, headers: HeaderMaker, array: VrcArray, writer: PixelWriter, opened: Signal,

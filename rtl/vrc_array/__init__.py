@@ -12,4 +12,10 @@
     collect       collects finished rows in the output buffer
     blend         blends the two levels of a tile into one
     pixel_writer  writes pixel rows to the frame in memory
+
+Machines with super-tiles keep the state of pixels between visits of a tile:
+
+    batch_array   the whole array, as `array`; its parts are those above with what loads and stores need
+    batch_setup, batch_blocks, batch_row, batch_collect
+    pixel_state   the state memory, and which tiles have stopped
 """

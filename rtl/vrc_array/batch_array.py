@@ -6,9 +6,9 @@
                            |           +-- may_load, may_drain ------|--------------------------+
                            +---------------- stopped ----------------+
 
-As in `rtl.vrc_array.array`, only the stages before the sequencer's output can wait. With that module's E, P and L, a row is in the
-state memory E + P + L + 4 cycles after a store enters it, and the next load of the tile is issued, at the earliest, E + P + L +
-`cores_y` + 4 cycles after the store: after 29 cycles with 16 by 16 cores. Loads of other tiles do not wait for it.
+As in `rtl.vrc_array.array`, only the stages before the sequencer's output can wait. With that module's E, P and L, the first
+row of a store is written E + P + L + 3 cycles after its slot at the sequencer, and a load of the same tile can follow the
+store after E + P + L + `cores_y` + 3 cycles, 28 with 16 by 16 cores. Loads of other tiles do not wait for it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from spec.config import AcceleratorConfig
 from spec.constants import SUPER_TILES
 from spec.queues import ARRAY_TILES, COUNTER_BITS
 from spec.records import pixel_row
-from spec.supertiles import SEQUENCE_BITS, tile_visit, visit_entry
+from spec.supertiles import SEQUENCE_BITS, check_supertiles, tile_visit, visit_entry
 
 
 class BatchArray(wiring.Component):
@@ -62,6 +62,9 @@ class BatchArray(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig, *, lines: int | None = None):
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        check_supertiles(config)
         self.config, self._collect = config, BatchCollect(config, lines=lines)
         super().__init__({
             "visits": In(stream.Signature(layout(tile_visit(config)))),

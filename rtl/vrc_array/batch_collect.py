@@ -1,7 +1,7 @@
 """Collection of the rows of visits: those of a last visit leave as pixels, the others go to the state memory.
 
-Both come through the row multiplexer of `rtl.vrc_array.collect`, one per cycle. A store is therefore as far from other drains as
-these are from each other, but needs no space in the output buffer.
+Both come through the row multiplexer of `rtl.vrc_array.collect`, one per cycle. A store is therefore as far from other drains
+as these are from each other, but needs no space in the output buffer.
 """
 
 from __future__ import annotations
@@ -47,7 +47,9 @@ class BatchCollect(Collect):
         check_supertiles(config)
 
     def _ports(self) -> dict[str, wiring.Member]:
-        return {**super()._ports(), "storing": In(1), "place": In(SUPER_PLACES), "may_store": Out(1), "stored": Out(stored_row(self.config))}
+        return {
+            **super()._ports(), "storing": In(1), "place": In(SUPER_PLACES), "may_store": Out(1),
+            "stored": Out(stored_row(self.config))}
 
     def elaborate(self, platform: object) -> Module:
         m = Module()

@@ -1,7 +1,7 @@
 """A row of the array of a machine with super-tiles: its cores take the state of their pixels with a load.
 
-A load changes no pixel by itself. It enters the rows as any op does, and row r takes transmittances and sums from the state bus,
-which carries them for the row that the load has reached::
+A load covers no pixel. It enters the rows as any op does, and row r takes transmittances and sums from the state bus, which
+carries them for the row that the load has reached::
 
     cycle             0     1     2     3     4     5
     op_in           <load>

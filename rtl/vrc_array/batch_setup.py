@@ -11,7 +11,7 @@ one, with the background of each level::
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
@@ -65,7 +65,7 @@ class BatchSetup(SetupUnit):
     def _header(self) -> data.View:
         return Signal(self.visits.payload.shape(), name="header")
 
-    def _schedule(self, m: Module, header: data.View, advance: Value) -> _Slot:
+    def _schedule(self, m: Module, header: data.View, advance: Value) -> Any:
         entry, two_levels = self.entries.payload, self.config.level_banks == 2
         busy, begun, second, background_level = Signal(), Signal(), Signal(), Signal()
         blend = header.blend if two_levels else Const(0, 1)
@@ -98,7 +98,7 @@ class BatchSetup(SetupUnit):
                 m.d.sync += header.eq(self.visits.payload)
         return slot
 
-    def _mark(self, m: Module, p: Pipeline, header: data.View, slot: _Slot, level: Value, background: Value, end: int,
+    def _mark(self, m: Module, p: Pipeline, header: data.View, slot: Any, level: Value, background: Value, end: int,
               out: stream.Interface) -> None:
         """Tells loads, stores and backgrounds apart, and adds the tile's place."""
         op = out.payload

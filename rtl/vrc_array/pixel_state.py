@@ -1,7 +1,8 @@
 """The state of the pixels of a super-tile's tiles, between visits of these tiles.
 
-Two memories hold transmittances and sums of all tiles, a row of the array a word, both level banks side by side. A load reads the
-rows of its block one after the other, so that each meets the load in its row of cores (`rtl.vrc_array.batch_row`)::
+Two memories hold transmittances and sums of all tiles: in each word those of a row of the array, both level banks side by side.
+A load reads the rows of its block one after the other, so that each meets the load in its row of cores
+(`rtl.vrc_array.batch_row`)::
 
     cycle from a load's strobe    0   1      E + 1  E + 2  E + 3  E + 4  E + 5
     loading                       ~~~~
@@ -10,9 +11,9 @@ rows of its block one after the other, so that each meets the load in its row of
 
 E is the latency of `expand`. A store's rows come from the collection, and each is written in the cycle in which it comes.
 
-**Hazard.** A tile is *pending* from the strobe of a store to the cycle in which its last row of its last block is written. Loads
-of a pending tile are held back. So a row is never read before the last store of its tile has written it, and as stores of a tile
-have loads between them, at most one is under way. tests/rtl/vrc_array/test_pixel_state.py proves both.
+**Hazard.** A tile is *pending* from the strobe of a store to the cycle in which the last row of its last block is written.
+Loads of a pending tile are held back. So a row is never read before the last store of its tile has written it, and as stores of
+a tile have loads between them, at most one is under way. tests/rtl/vrc_array/test_pixel_state.py proves both.
 """
 
 from __future__ import annotations
@@ -188,7 +189,8 @@ class PixelState(wiring.Component):
         row, limit = self.stored, t_stop(self.config.formats)
         here, so_far, ends = Signal(), Signal(init=1), Signal()
         final, place, sequence = Signal(), Signal.like(row.place), Signal.like(row.sequence)
-        below = [Cat(lane[level].transmittance < limit for lane in row.pixels).all() for level in range(self.config.level_banks)]
+        levels = range(self.config.level_banks)
+        below = [Cat(lane[level].transmittance < limit for lane in row.pixels).all() for level in levels]
         m.d.sync += [
             here.eq(below[0] & (below[-1] | ~row.blend)), ends.eq((row.valid | row.final) & last),
             final.eq(row.final), place.eq(row.place), sequence.eq(row.sequence)]

@@ -19,10 +19,11 @@ from cocotbext.axi import AxiLiteBus, AxiLiteMaster, AxiResp
 
 from rtl.axi.registers import counters_layout
 from spec import host_settings, registers
+from spec.codes import ErrorCode, Phase
 from spec.config import AcceleratorConfig
 from spec.memory import frame_settings
 from spec.overrides import config_from_record
-from spec.registers import Access, ErrorCode, Phase, Register
+from spec.registers import Access, Register
 from tb.common.runner import CLOCK_NS
 
 START, ABORT, RESET, CLEAR, ENABLE_DONE, ENABLE_ERROR = 1, 2, 4, 8, 0x100, 0x200

@@ -6,7 +6,8 @@
     player          plays frames through it; `frames` is its part in the simulator's process
     axi_small       plays small frames with independent AXI models (cocotbext-axi); `axi_frames` is its part in the simulator
     stimuli*        small scenes and their golden frames, of one eye and of two
-    planned         a frame with its expected results; `plan_stereo` plans frames of two eyes
+    planned         a frame with its expected results; `plan_stereo` plans frames of two eyes, `plan_buckets` frames that leave
+                    bounds of depth to the next one
     check*          comparison of pixels and counters with the golden renderer
     suite           the test plans
 """

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from spec.codes import ErrorCode
 from spec.config import AcceleratorConfig
 from spec.host_settings import settings
 from spec.memory import FIRST_PAGE_BEATS
-from spec.registers import CHUNK_READ_CLIENTS, ErrorCode, read_clients, write_clients
+from spec.registers import CHUNK_READ_CLIENTS, read_clients, write_clients
 from spec.stereo import clear_cycles
 from tb.frame.bound import array_ops
 from tb.top.planned import SPEEDS, PlannedFrame, failing, planned

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 
 from golden.msv2_ref.eyes import StereoFrame
 from golden.msv2_ref.pipeline import Frame
+from spec.codes import ErrorCode
 from spec.memory import BEAT_BYTES
-from spec.registers import ErrorCode
 from tb.top.check import counter_errors, frame_run, mismatches
 from tb.top.check_stereo import stereo_counter_errors, stereo_mismatches, stereo_run
 from tb.top.memory import MemorySpeed

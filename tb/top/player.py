@@ -9,10 +9,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from golden.host.memory_image import DisplayPixels, FramePixels, MemoryImage
+from spec.codes import ErrorCode
 from spec.config import AcceleratorConfig
 from spec.host_settings import settings
 from spec.memory import BEAT_BYTES
-from spec.registers import ErrorCode, register_map
+from spec.registers import register_map
 from tb.common.runner import Waves, simulate
 from tb.top.device import Machine
 from tb.top.memory import MemorySpeed, broken_rules, memory_beats, plusargs

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from spec.codes import ErrorCode
 from spec.config import (
     BALANCED,
     DEFAULT,
@@ -23,13 +24,14 @@ from spec.config import (
 )
 from spec.host_settings import settings
 from spec.memory import FIRST_PAGE_BEATS
-from spec.registers import CHUNK_READ_CLIENTS, ErrorCode, read_clients, write_clients
+from spec.registers import CHUNK_READ_CLIENTS, read_clients, write_clients
 from tb.common.exact import Outcome
 from tb.common.runner import Waves
 from tb.common.scenes import traced_frames, traced_size
 from tb.frame.bound import least_cycles
 from tb.top.check import frame_run
 from tb.top.device import Machine, machine
+from tb.top.plan_buckets import bucket_plan
 from tb.top.plan_stereo import broken_stereo_plan, good_stereo_plan
 from tb.top.planned import SPEEDS, PlannedFrame, failing, planned, problems
 from tb.top.player import play_frames
@@ -118,7 +120,8 @@ def traced_plan(config: AcceleratorConfig, size: str) -> list[PlannedFrame]:
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
     """All runs."""
-    return [*good_plan(config, seed), *broken_plan(config, seed), *traced_plan(config, traced_size(config, "256x144", "96x64"))]
+    traced = traced_plan(config, traced_size(config, "256x144", "96x64"))
+    return [*good_plan(config, seed), *broken_plan(config, seed), *bucket_plan(config), *traced]
 
 
 @cache

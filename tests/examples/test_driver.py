@@ -19,12 +19,13 @@ from golden.host.memory_image import MemoryImage
 from golden.msv2_ref.pipeline import Frame, render
 from golden.scenes.embedded.splats import cached_embedded_model
 from golden.scenes.embedded.views import embedded_cameras
+from spec.codes import ErrorCode
 from spec.config import TINY, AcceleratorConfig
 from spec.errors import InputError
 from spec.host_settings import settings, with_every_register
 from spec.images import IMAGE_MAGIC, IMAGE_VERSION, RECORD_FORMATS, record_format
 from spec.paths import DOCS, ROOT
-from spec.registers import MAGIC, SETTINGS_BASE, VERSION_MAJOR, ErrorCode, fingerprint, identity, register_map
+from spec.registers import MAGIC, SETTINGS_BASE, VERSION_MAJOR, fingerprint, identity, register_map
 from tb.top.check import frame_run
 from tb.top.player import Map, setting_writes
 

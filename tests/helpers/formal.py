@@ -1,7 +1,7 @@
 """Proofs by induction over time, with the SAT solver of Yosys.
 
-A property is a signal that must never be 1. The base of the proof begins in any state with a reset; its step, in any state at all.
-The reset is free afterwards, as all inputs are.
+A property is a signal that must never be 1. The base of a proof begins in any state, with a reset; its step begins in any
+state. The reset is free afterwards, as all inputs are.
 """
 
 from __future__ import annotations

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from spec.codes import ErrorCode
 from spec.config import AcceleratorConfig
-from spec.registers import ErrorCode, register_map
+from spec.registers import register_map
 from tb.top.device import MODULE, Machine
 
 STOPS, WITHDRAWS, MISALIGNS, STRAYS, OVERWRITES, WRONG_PIXEL = 1, 2, 3, 4, 5, 6

@@ -29,7 +29,8 @@ RANGES = {
     "merge_ways": (2, 32), "splat_cache_lines": (4, 1 << 16), "warp_lanes": (1, 16),
     "warp_columns": (64, 8192), "list_heads": (2, 1 << 14), "header_lines": (4, 1 << 14), "batch_places": (16, 4096),
 }
-FLAGS = ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks", "buckets")
+FLAGS = ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks", "buckets",
+         "lockstep")
 POWERS_OF_TWO = ("culling_units", "sort_buffer_bytes", "merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns",
                  "header_lines", "batch_places")
 

@@ -12,12 +12,13 @@ import pytest
 from msv2.document import registers as document_registers
 from msv2.document.__main__ import check
 from spec import host_settings, registers
+from spec.codes import ErrorCode, Phase
 from spec.config import CONFIGS, DEFAULT, PAPER, SUPERTILES, TINY, TINY_SUPERTILES, V3
 from spec.errors import InputError
 from spec.formats import SQ
 from spec.memory import frame_settings
 from spec.paths import ROOT
-from spec.registers import COUNTERS_BASE, EVENTS, SETTINGS_BASE, STAGES, Access, ErrorCode, Phase
+from spec.registers import COUNTERS_BASE, EVENTS, SETTINGS_BASE, STAGES, Access
 from spec.saturations import SATURATIONS
 
 STEREO = PAPER.with_(name="stereo", stereo=True)

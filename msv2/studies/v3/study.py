@@ -94,7 +94,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     out = make_folder(args.out)
     content = measure(args)
     scenes = [scene_file(scene) for scene in args.scene or frames.SCENES if scene != EMBEDDED]
-    write_report(out / "v3.json", content, [__name__], {"arguments": args, "machines": frames.MACHINES | {SUPERTILES.name: SUPERTILES}},
+    machines = frames.MACHINES | {SUPERTILES.name: SUPERTILES}
+    write_report(out / "v3.json", content, [__name__], {"arguments": args, "machines": machines},
                  [TABLE, *filter(None, scenes), *(run / "model.ply" for run in photographs.runs_here()[0].values())])
     write_page(out / "v3.md", page(content))
     for goal in content["goals"]:

@@ -13,8 +13,8 @@ from msv2.cases.check import Cell
 from msv2.cases.report import FaultRow, Result, Row, added, table
 from msv2.studies.stability import study
 from msv2.studies.stability.study import markdown
+from spec.codes import ErrorCode
 from spec.paths import ROOT
-from spec.registers import ErrorCode
 from tb.top.planned import PlannedFrame
 
 

@@ -18,9 +18,9 @@ from rtl.axi.master import AxiMaster, id_bits
 from rtl.axi.read_port import ReadQueue
 from rtl.axi.registers import RegisterFile
 from spec import registers
+from spec.codes import Phase
 from spec.config import TINY
 from spec.host_settings import with_every_register
-from spec.registers import Phase
 from tests.helpers.rtl_streams import assert_rejected
 
 

@@ -4,8 +4,8 @@ import pytest
 from amaranth.sim import Simulator
 
 from rtl.top.controller import FrameController
+from spec.codes import ErrorCode, Phase
 from spec.config import PAPER, TINY
-from spec.registers import ErrorCode, Phase
 from tests.helpers.rtl_streams import assert_rejected
 
 PHASES = (Phase.TABLE, Phase.GEOMETRY, Phase.RENDER)

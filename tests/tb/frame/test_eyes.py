@@ -8,8 +8,9 @@ from PIL import Image
 
 from golden.host.memory_image import DisplayPixels
 from golden.msv2_ref.eyes import render_request
+from spec.codes import ErrorCode
 from spec.config import TINY
-from spec.registers import STEREO_EVENTS, ErrorCode, counters
+from spec.registers import STEREO_EVENTS, counters
 from tb.common.runner import SimulationError
 from tb.frame import __main__ as command
 from tb.frame import whole

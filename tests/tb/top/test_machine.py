@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from msv2.studies.tradeoff.knobs import WORDS, Setting
+from spec.codes import ErrorCode
 from spec.config import TINY
-from spec.registers import ErrorCode
 from tb.top.device import machine
+from tb.top.plan_buckets import bucket_plan
 from tb.top.stimuli import case, cloud, crowd
 from tb.top.suite import (
     DISTINCT,
@@ -70,6 +71,40 @@ def test_frames_of_chunks_of_wide_records_and_of_two_eyes_in_short(tmp_path):
         assert any(item.frame.chunks_skipped for item in plan)
         outcome = run_plan(VARIANTS[variant], plan, tmp_path / variant)
         assert outcome.failures == {} and outcome.runs == len(plan) > 1
+
+
+SUPERTILES_IN_SHORT = (
+    "SH degree 0, usual", "SH degree 3, pauses", "gaze in the middle, usual", "gaze at the side, slow",
+    "clusters, gaze, instant", "bounding boxes, far", "no Gaussians, usual", "all behind, pauses", "one pixel, slow", "odd size, usual")
+"""Of the plan's frames of a machine with super-tiles, a few."""
+
+SUPERTILES_BROKEN = (
+    "reset after 250", "abort after 250", "abort after 2631", "geometry fails", "supertiles fails", "colour fails",
+    "frame fails", "width = 0", "second pages")
+"""Of those that end early, some of each kind, in both phases."""
+
+
+def test_frames_of_super_tiles_in_short(tmp_path):
+    config = VARIANTS["tiny_supertiles"]
+    plan = [item for item in good_plan(config, 0) if any(words in item.name for words in SUPERTILES_IN_SHORT)]
+    plan += [item for item in broken_plan(config, 0) if any(words in item.name for words in SUPERTILES_BROKEN)]
+    assert {item.error for item in plan} >= {
+        ErrorCode.NONE, ErrorCode.ABORTED, ErrorCode.READ_ERROR, ErrorCode.WRITE_ERROR, ErrorCode.BAD_SETTING,
+        ErrorCode.ENTRIES_FULL}
+    outcome = run_plan(config, plan, tmp_path)
+    assert outcome.failures == {} and outcome.runs == len(plan) > 25
+    ended = [outcome.recordings[item.name].registers for item in plan if item.error is ErrorCode.ABORTED]
+    assert {registers["cycles_render"] > 0 for registers in ended} == {False, True}
+
+
+@pytest.mark.long
+def test_frames_with_the_bounds_of_the_frame_before(tmp_path):
+    config = VARIANTS["tiny_supertiles"]
+    plan = bucket_plan(config)
+    assert {len(item.frame.bounds.key) for item in plan} == {0, 2}
+    outcome = run_plan(config, plan, tmp_path)
+    assert outcome.failures == {} and outcome.runs == len(plan)
+    assert bucket_plan(config.with_(buckets=False)) == bucket_plan(TINY) == []
 
 
 STEREO_IN_SHORT = (

@@ -7,9 +7,9 @@ import pytest
 
 from golden.host.memory_image import memory_image, read_frame
 from golden.msv2_ref import pipeline
+from spec.codes import ErrorCode
 from spec.config import TINY
 from spec.memory import page_beats
-from spec.registers import ErrorCode
 from tb.common import runner
 from tb.top.memory import LEAST_BEATS, MemorySpeed, memory_beats
 from tb.top.player import FrameRun, play_frames

@@ -7,10 +7,12 @@ import pytest
 
 from golden.host.memory_image import DisplayPixels, FramePixels
 from golden.msv2_ref import projection
+from golden.msv2_ref.batches import FrameBatches
 from spec.chunks import CHUNK
+from spec.codes import ErrorCode
 from spec.config import TINY
 from spec.host_settings import first_illegal
-from spec.registers import ErrorCode
+from tb.frame.bound import array_ops, least_cycles
 from tb.top.check import expected_events
 from tb.top.check_stereo import stereo_events
 from tb.top.player import FrameResult, setting_writes
@@ -82,6 +84,37 @@ def test_every_kind_of_wrong_result_is_told(plans):
     registers = {name: value ^ 1 for name, value in failing.registers.items()}
     told = problems(failing, replace(right, error=failing.error, done=False, registers=registers))
     assert len(told) == len(registers) and "register error_clients must be" in told[0]
+
+
+def test_plans_of_super_tiles_cover_what_the_machine_can_meet():
+    config = VARIANTS["tiny_supertiles"]
+    good, broken = good_plan(config, 0), broken_plan(config, 0)
+    frames = [item.frame for item in good[: len(good) // 2]]
+    batches = [FrameBatches(frame) for frame in frames]
+    assert {0, 1} <= {len(b.pairs.splat) for b in batches} and any((np.diff(b.pairs.start) == 0).any() for b in batches)
+    assert any((~b.visits.final).any() for b in batches) and any((b.place_counts > 1).any() for b in batches)
+    assert any(len(b.grid.tile) > 1 and not b.grid.inside.all() for b in batches)
+    assert any(frame.registers.header[:, 1].any() for frame in frames)
+    assert {item.error for item in broken} == set(ErrorCode) - {ErrorCode.COUNT_SATURATED, ErrorCode.WATCHDOG}
+    failing = {item.name.split(", ")[1] for item in broken if "fails" in item.name and "after" not in item.name}
+    assert failing == {f"{name} fails" for name in ("geometry", "tiles", "colour", "chunks", "supertiles", "entries", "frame",
+                                                    "spill")}
+    least = [least_cycles(item.frame) for item in broken if item.run.abort]
+    assert all(item.run.abort < cycles for item, cycles in zip((i for i in broken if i.run.abort), least, strict=True))
+
+
+def test_impossible_numbers_of_visits_are_told():
+    item = next(item for item in good_plan(VARIANTS["tiny_supertiles"], 0) if "clusters" in item.name)
+    visits = FrameBatches(item.frame).visits
+    most = {"visits": len(visits.final), "ops": array_ops(item.frame), "skipped": len(item.frame.entries.splat)}
+    right = right_result(item)
+    right = replace(right, registers=right.registers | most)
+    assert problems(item, right) == []
+    for name, value in most.items():
+        wrong = replace(right, registers=right.registers | {name: value + 1})
+        assert [problem for problem in problems(item, wrong) if f"counter {name} must be in" in problem]
+    few = replace(right, registers=right.registers | {"visits": int(visits.final.sum()) - 1})
+    assert len(problems(item, few)) == 1
 
 
 STEREO = VARIANTS["tiny_stereo"]
