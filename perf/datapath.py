@@ -10,15 +10,20 @@ from perf.layout import Layout
 NEAR, PROJECTION, ELLIPSE, HARMONICS, CHUNK_TEST = range(5)
 """The datapaths, by the numbers under which their state is kept."""
 
-layout = Layout(memory.layout)
 RING = 128  # slots, more than any datapath holds
 MASK = RING - 1
 
-# Length and interval, slots entered and fetched, free rows, whether the output register is full, and the cycles in which the
-# slots inside are finished.
-for _name in ("length", "interval", "in", "out", "free", "full"):
-    layout.ring(f"path_{_name}", 8)
-layout.ring("path_times", 8, RING)
+
+def add_paths(to: Layout) -> None:
+    """Adds to a layout, of each datapath, the length and the interval, slots entered and fetched, free rows, whether the output
+    register is full, and the cycles in which the slots inside are finished."""
+    for name in ("length", "interval", "in", "out", "free", "full"):
+        to.ring(f"path_{name}", 8)
+    to.ring("path_times", 8, RING)
+
+
+layout = Layout(memory.layout)
+add_paths(layout)
 
 
 def set_path(s, p, length, interval, rows):

@@ -208,7 +208,7 @@ def simulate(
 _lists = lru_cache(maxsize=4)(eye_lists)  # because a trace is often simulated on several machines in a row
 
 
-def _finished(phase: str, cycles: int) -> int:
+def finished(phase: str, cycles: int) -> int:
     """The cycles of a phase.
 
     Raises:
@@ -219,7 +219,8 @@ def _finished(phase: str, cycles: int) -> int:
     return int(cycles)
 
 
-def _memory(s: np.record, memory: MemoryModel) -> None:
+def prepare_memory(s: np.record, memory: MemoryModel) -> None:
+    """Initialises the bus and the memory in a new state."""
     gain, cost = bus.rate(memory.bytes_per_cycle)
     bus.prepare(s, latency=memory.latency, gain=gain, cost=cost, dram=memory.kind == LPDDR3)
     dram.prepare(s, memory.device, memory.clock_ns)
@@ -230,7 +231,7 @@ def _eye(
     display: bool, written: Lists, plan: RenderPlan, where: MemoryMap,
 ) -> _Pass:
     """Simulates an eye's pass, phase after phase."""
-    table = _table(eye, memory, where.target_tiles if number else where.tiles)
+    table = table_cycles(memory, len(eye.counts), where.target_tiles if number else where.tiles)
     shapes, counted = _geometry(trace, eye, config, memory, written, where)
     latency = _TMU_LATENCY + (COUNT_BITS + frame_lists(config).bit_length() + 1 if beta is None else 0)
     drawn = _render(trace, eye, number, config, memory, display, written, plan, where,
@@ -246,18 +247,19 @@ def _eye(
     return _Pass(cycles, shapes.stages | drawn.stages, reads, shapes.writes + drawn.writes, events, ends)
 
 
-def _table(eye: EyeTrace, memory: MemoryModel, base: int) -> int:
+def table_cycles(memory: MemoryModel, tiles: int, base: int) -> int:
+    """The cycles of the phase TABLE for a table of so many tiles from the beat `base` on."""
     s = geometry.layout.new()
-    _memory(s, memory)
-    return _finished("TABLE", geometry.table_phase(s, len(eye.counts), base, LIMIT))
+    prepare_memory(s, memory)
+    return finished("TABLE", geometry.table_phase(s, tiles, base, LIMIT))
 
 
-def _commands(s: np.record) -> dict[str, int]:
+def dram_commands(s: np.record) -> dict[str, int]:
     """The DRAM commands of a phase, counted."""
     return {"activates": int(s.dram_activates_given), "refreshes": int(s.dram_refreshes)}
 
 
-def _counts(s: np.record, stages: tuple[str, ...]) -> dict[str, np.ndarray]:
+def counts_of(s: np.record, stages: tuple[str, ...]) -> dict[str, np.ndarray]:
     """For the input of each stage, the cycles in which an item moved and those in which one was offered and not taken."""
     return {stage: np.array([s[f"busy_{stage}"], s[f"blocked_{stage}"]]) for stage in stages}
 
@@ -267,7 +269,7 @@ def _geometry(
 ) -> tuple[_Pass, int]:
     """Simulates the geometry phase. Returns it with the cycle in which its last intersection was in memory."""
     s = geometry.layout.new()
-    _memory(s, memory)
+    prepare_memory(s, memory)
     paths, beats = constants.culling(config), colour_beats(config, trace.sh_degree)
     for place, path in ((datapath.NEAR, paths.near), (datapath.PROJECTION, paths.projection),
                         (datapath.ELLIPSE, paths.ellipse), (datapath.HARMONICS, paths.colour)):
@@ -284,9 +286,9 @@ def _geometry(
         where.colour + survivor * beats, where.geometry, written.begins, writes,
         constants.colour_steps(config, trace.sh_degree), where.chunks, *chunk_arrays, LIMIT)
     return _Pass(
-        {"geometry": _finished("GEOMETRY", cycles)}, _counts(s, GEOMETRY_STAGES),
+        {"geometry": finished("GEOMETRY", cycles)}, counts_of(s, GEOMETRY_STAGES),
         s.reads[: bus.READERS].copy(), s.writes[: bus.WRITERS].copy(),
-        _commands(s), []), int(counted)
+        dram_commands(s), []), int(counted)
 
 
 def _set_array(s: np.record, trace: FrameTrace, config: AcceleratorConfig, display: bool) -> None:
@@ -322,7 +324,7 @@ def _render(
     """Simulates the rendering phase."""
     line = config.line_buffer_bytes // ENTRY_BYTES
     s = warp.layout.new()
-    _memory(s, memory)
+    prepare_memory(s, memory)
     s.line_size, s.line_mask = line, (1 << (line - 1).bit_length()) - 1
     s.tile_count, s.sweep_from = len(eye.counts), sweep_from
     s.pointer_room, s.wait_room = 64, 2 * -(-config.row_width // TILE) + 64
@@ -350,11 +352,11 @@ def _render(
         plan.chunk_ends, plan.arrival, stages, keys, plan.part_runs, plan.job_start, plan.job_length, plan.job_entries,
         plan.job_out, plan.job_waits, plan.way_of, plan.job_begin, plan.job_goal, *group_ends(plan), trace.holes, times,
         tile_times, LIMIT)
-    events = _commands(s) | {
+    events = dram_commands(s) | {
         "ops": int(s.ops), "skipped": int(s.skipped), "fetch_misses": int(s.missed),
         "spilled_entries": int(plan.way_of.size)}
     return _Pass(
-        {"render": _finished("RENDER", cycles)}, _counts(s, RENDER_STAGES),
+        {"render": finished("RENDER", cycles)}, counts_of(s, RENDER_STAGES),
         s.reads[: bus.READERS].copy(), s.writes[: bus.WRITERS].copy(), events,
         _timeline(plan, times, tile_times))
 

@@ -108,15 +108,13 @@ def _pages(tile, page_start, begins, writes, page_beat):
 
 
 @dataclass(frozen=True)
-class RenderPlan:
-    """An eye's rendering on a machine; the arrays are those that `perf.render.render_phase` takes.
+class SortPlan:
+    """How the intersections of a frame's lists are merged and sorted; the arrays are those that phases take.
 
     Attributes:
-        groups: (tiles,) the group of each tile. filled: (groups with intersections,) their numbers.
-        lasts: (tiles,) whether the tile is its group's last.
-        drawn: (rendered tiles,) their numbers.
+        groups: (lists,) the group of each list. filled: (groups with intersections,) their numbers.
+        lasts: (lists,) whether the list is its group's last.
         group_end: (intersections,) whether the intersection is its group's last.
-        missed: (intersections,) whether its splat record is not in the cache. view: the beat of its splat record.
         chunk_length, chunk_spill, chunk_last: of the chunks into which groups are cut, the length, whether its group is
             spilled, and whether it is its group's last. chunk_ends: the number of intersections up to each chunk's end,
             followed by a number larger than all.
@@ -133,10 +131,7 @@ class RenderPlan:
     groups: np.ndarray
     filled: np.ndarray
     lasts: np.ndarray
-    drawn: np.ndarray
     group_end: np.ndarray
-    missed: np.ndarray
-    view: np.ndarray
     chunk_length: np.ndarray
     chunk_spill: np.ndarray
     chunk_last: np.ndarray
@@ -155,6 +150,20 @@ class RenderPlan:
     spill_beats: int
 
 
+@dataclass(frozen=True)
+class RenderPlan(SortPlan):
+    """An eye's rendering on a machine with a list for every tile; the arrays are those that `perf.render.render_phase` takes.
+
+    Attributes:
+        drawn: (rendered tiles,) their numbers.
+        missed: (intersections,) whether its splat record is not in the cache. view: the beat of its splat record.
+    """
+
+    drawn: np.ndarray
+    missed: np.ndarray
+    view: np.ndarray
+
+
 def render_plan(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, beta: int | None, largest: int) -> RenderPlan:
     """The data that the rendering phase needs.
 
@@ -166,11 +175,29 @@ def render_plan(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, bet
             (golden.host.memory_image.spill_beats).
     """
     counts = eye.counts.astype(np.int64)
-    groups = eye_groups(trace, eye, config, beta)
+    sorting = sort_plan(counts, eye.rank, eye_groups(trace, eye, config, beta), config, largest)
+    level = np.repeat(eye.level, counts).astype(np.int64)
+    return RenderPlan(
+        **vars(sorting), drawn=np.flatnonzero(eye.rendered), missed=_cache_misses(eye, level, config.splat_cache_lines),
+        view=(eye.splat.astype(np.int64) << trace.view_shift) + level)
+
+
+def sort_plan(
+    counts: np.ndarray, rank: np.ndarray, groups: np.ndarray, config: AcceleratorConfig, largest: int,
+) -> SortPlan:
+    """How lists are merged and sorted.
+
+    Args:
+        counts: (lists,) int64 the intersections of each list.
+        rank: (intersections,) int32, in rendering order: the place in the list in memory.
+        groups: (lists,) the group of each list.
+        config: the machine's configuration.
+        largest: the intersections of the largest group for which memory is reserved.
+    """
     lasts = np.append(np.diff(groups) > 0, True)
     sizes = np.bincount(groups, counts).astype(np.int64)
     filled = np.flatnonzero(sizes)
-    group_end = np.zeros(len(eye.splat) + 1, np.uint8)
+    group_end = np.zeros(len(rank) + 1, np.uint8)
     group_end[np.cumsum(sizes)[filled] - 1] = 1
 
     capacity = config.sort_chunk
@@ -180,30 +207,27 @@ def render_plan(trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, bet
     ends = np.cumsum(chunks) - 1
     length[ends], last[ends] = sizes[filled] - (chunks - 1) * capacity, 1
     spill = np.repeat(chunks > 1, chunks).astype(np.uint8)
-    arrival, view = np.zeros(len(eye.splat) + 1, np.int32), np.zeros(len(eye.splat), np.int64)
-    _by_entry(counts, eye.rank, eye.splat, eye.level, trace.view_shift, arrival, view)
+    arrival = np.zeros(len(rank) + 1, np.int32)
+    _arrivals(counts, rank, arrival)
     large = sizes[groups] > capacity
-    before = np.cumsum(counts) - counts - (np.cumsum(sizes) - sizes)[groups]  # intersections of the group before the tile's own
-    place = np.repeat(before[large], counts[large]) + eye.rank[np.repeat(large, counts)]
+    before = np.cumsum(counts) - counts - (np.cumsum(sizes) - sizes)[groups]  # intersections of the group before the list's own
+    place = np.repeat(before[large], counts[large]) + rank[np.repeat(large, counts)]
     runs = -(-largest // capacity) if largest > capacity else 1
     parts, run_of = chunks > 1, (place // capacity).astype(np.int64)
     merges = _merges(run_of, chunks[parts], sizes[filled][parts], config.merge_ways, capacity // BEAT_ENTRIES)
-    return RenderPlan(
-        groups, filled, lasts, np.flatnonzero(eye.rendered), group_end,
-        _cache_misses(eye, counts, config.splat_cache_lines), view, length, spill, last,
-        np.append(np.cumsum(length), 1 << 40), arrival, chunks[parts], *merges,
-        2 * runs, 4 * runs * capacity // BEAT_ENTRIES)
+    return SortPlan(
+        groups, filled, lasts, group_end, length, spill, last, np.append(np.cumsum(length), 1 << 40), arrival, chunks[parts],
+        *merges, 2 * runs, 4 * runs * capacity // BEAT_ENTRIES)
 
 
 @kernel
-def _by_entry(counts, rank, splat, level, view_shift, arrival, view):
-    """Fills `arrival` and `view` of a RenderPlan, tile by tile."""
+def _arrivals(counts, rank, arrival):
+    """Fills `arrival` of a SortPlan, list by list."""
     at = 0
-    for tile in range(len(counts)):
+    for number in range(len(counts)):
         first = at
-        for _ in range(counts[tile]):
+        for _ in range(counts[number]):
             arrival[first + rank[at]] = at
-            view[at] = (np.int64(splat[at]) << view_shift) + level[tile]
             at += 1
 
 
@@ -263,10 +287,9 @@ def largest_group(trace: FrameTrace, config: AcceleratorConfig, beta: int | None
     return max(int(np.bincount(eye_groups(trace, eye, config, beta), eye.counts).max(initial=0)) for eye in trace.eyes)
 
 
-def _cache_misses(eye: EyeTrace, counts: np.ndarray, lines: int) -> np.ndarray:
+def _cache_misses(eye: EyeTrace, level: np.ndarray, lines: int) -> np.ndarray:
     """(intersections,) uint8: whether its splat record is not in the splat cache (rtl/vrc_array/splat_tags.py)."""
-    index, level = eye.splat.astype(np.int64), np.repeat(eye.level, counts).astype(np.int64)
-    return find_misses(index, level, lines, CACHE_WAYS, False, False).astype(np.uint8)
+    return find_misses(eye.splat.astype(np.int64), level, lines, CACHE_WAYS, False, False).astype(np.uint8)
 
 
 def tile_rows(config: AcceleratorConfig) -> int:

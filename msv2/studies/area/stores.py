@@ -9,8 +9,9 @@ the configuration's schedules need and widths in proportion to the records.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
+from msv2.studies.area.store import Store
+from msv2.studies.area.super_stores import super_stores
 from perf.constants import culling
 from spec.config import PAPER, AcceleratorConfig
 from spec.constants import ENTRY_BYTES, FLIP_FLOP_BITS, TILE
@@ -40,6 +41,7 @@ from spec.records import (
     COUNT_BITS,
     INDEX_BITS,
     frame_lists,
+    frame_lists,
     frame_tiles,
     gaussian_point,
     intersection,
@@ -58,34 +60,11 @@ _WAY_BEATS = 32
 """Beats that the FIFO of a merge way holds."""
 
 
-@dataclass(frozen=True)
-class Store:
-    """A memory, or several equal ones.
-
-    Attributes:
-        unit: the unit that it belongs to, by the names of reports/energy_per_operation.json.
-        name: its name in that unit.
-        group: the unit's group in the area report (`synth.machine.GROUPS`).
-        words, width: rows, and bits of a row.
-        count: number of equal memories.
-    """
-
-    unit: str
-    name: str
-    group: str
-    words: int
-    width: int
-    count: int = 1
-
-    @property
-    def bits(self) -> int:
-        """Bits of all `count` memories."""
-        return self.count * self.words * self.width
-
-
 def stores(config: AcceleratorConfig) -> tuple[Store, ...]:
     """The memories of a machine. Those that are always too small for SRAM are left out: they are part of a unit's logic."""
-    found = [*_queues(config), *_culling(config), *_lists(config), *_sorting(config), *_drawing(config)]
+    if config.supertiles:
+        return (*_queues(config), *_projection(config), *_sorting(config), *super_stores(config), *_output(config))
+    found = [*_queues(config), *_projection(config), *_culling(config), *_lists(config), *_sorting(config), *_drawing(config)]
     return (*found, *_warp(config)) if config.stereo else tuple(found)
 
 
@@ -95,13 +74,17 @@ def _queues(config: AcceleratorConfig) -> Iterator[Store]:
         yield Store("memory queues", client, LISTS, READ_DEPTHS[client] - 1, width)
 
 
-def _culling(config: AcceleratorConfig) -> Iterator[Store]:
+def _projection(config: AcceleratorConfig) -> Iterator[Store]:
     paths, here = culling(config), projected_splat(config).width / projected_splat(PAPER).width
     near = gaussian_point(config).width / gaussian_point(PAPER).width
     for width in (194, 84):
         yield Store("projection_unit", f"near {width}", CULLING, paths.near.rows, round(near * width))
     for width in (185, 24, 50, 42, 22, 44):
         yield Store("projection_unit", f"projection {width}", CULLING, paths.projection.rows, round(here * width))
+
+
+def _culling(config: AcceleratorConfig) -> Iterator[Store]:
+    paths = culling(config)
     for width in (33, 21):
         yield Store("tile_test", f"ellipse {width}", CULLING, paths.ellipse.rows, width)
     rows = -(-config.row_width // TILE)
@@ -164,6 +147,10 @@ def _drawing(config: AcceleratorConfig) -> Iterator[Store]:
     yield Store("splat_fetch", "pending", LISTS, VIEWS_PENDING - 1, line_bits + 4)
     tag = 1 + INDEX_BITS - (line_bits - way_bits) + 2
     yield Store("splat_fetch", "tags", LISTS, lines // CACHE_WAYS, CACHE_WAYS * tag + way_bits)
+    yield from _output(config)
+
+
+def _output(config: AcceleratorConfig) -> Iterator[Store]:
     rows = OUTPUT_DRAINS * config.cores_y if config.incremental else 2 * TILE * TILE // config.cores_x
     yield Store("array control and output", "lines", BLENDING, rows, _stored_row(config))
 

@@ -1,0 +1,218 @@
+"""The cycles of a frame on a machine with lists by super-tile (`spec.supertiles`): simulates its phases on a memory."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from golden.host.run_options import LPDDR3
+from golden.kernels import work_clock
+from golden.msv2_ref.buckets import Bounds
+from perf import bus, chunk_units, chunks, constants, datapath, geometry, supertiles_bin, supertiles_render
+from perf.model import (
+    LIMIT,
+    FrameCycles,
+    MemoryModel,
+    Stage,
+    counts_of,
+    dram_commands,
+    finished,
+    prepare_memory,
+    table_cycles,
+)
+from perf.plan import tile_rows
+from perf.supertiles_plan import SuperPlan, steady_bounds, super_plan
+from perf.supertiles_trace import SuperTrace
+from spec.config import AcceleratorConfig
+from spec.constants import ENTRY_BYTES
+from spec.memory import BEAT_BYTES, BEAT_ENTRIES, DISPLAY_PIXEL_BYTES, PIXEL_BYTES, colour_beats
+from spec.queues import LIST_POINTERS, OUTPUT_DRAINS, TILE_TEST_BESIDE
+from spec.records import COUNT_BITS, frame_lists
+from spec.registers import READ_CLIENTS, WRITE_CLIENTS, read_clients, stages, write_clients
+from spec.supertiles import check_supertiles
+
+BATCHES = 2
+"""Batches in the batch buffer: one is filled while the other is dealt."""
+
+_TMU_LATENCY = 9  # cycles from the frame's last pair to the first group (rtl.sort_tmu.tile_merge)
+
+BIN_STAGES = ("geometry", "projection", "tile_test", "entry_write")
+RENDER_STAGES = (
+    "list_read", "sort", "handover", "fetch", "projection", "tile_test", "colour", "batch", "array", "pixel_write")
+
+
+@dataclass(frozen=True)
+class SuperCycles(FrameCycles):
+    """The cycles of a frame on a machine with lists by super-tile. `fetch_misses` are those of chunk headers.
+
+    Attributes:
+        pairs, batches, visits: counted events.
+        lists: the number of lists. overflow: the pairs in lists that the sorter cannot hold at once.
+    """
+
+    pairs: int = 0
+    batches: int = 0
+    visits: int = 0
+    lists: int = 0
+    overflow: int = 0
+
+    @property
+    def overflow_share(self) -> float:
+        """The share of pairs in lists that the sorter cannot hold at once."""
+        return self.overflow / max(1, self.pairs)
+
+
+@dataclass
+class _Pass:
+    """The results of a phase."""
+
+    cycles: int
+    stages: dict[str, np.ndarray]
+    reads: np.ndarray
+    writes: np.ndarray
+    commands: dict[str, int]
+
+
+def simulate_supertiles(
+    trace: SuperTrace, config: AcceleratorConfig, *, memory: MemoryModel | None = None, merge: bool = True,
+    pipeline: bool | None = None, beta: int | None = None, display: bool = False, bounds: Bounds | None = None,
+) -> SuperCycles:
+    """Simulates a frame.
+
+    Args:
+        trace: the trace of the golden frame.
+        config: the machine's configuration.
+        memory: the memory; None for four channels of LPDDR3-1600, the paper's.
+        merge: whether lists are merged.
+        pipeline: whether stages hand over incrementally; None for the configuration's value.
+        beta: the merge threshold in pairs; None for the automatic one. It has no effect without `merge`.
+        display: whether a pixel takes 4 bytes in memory instead of 16.
+        bounds: the bounds that the frame before left; None for those of a camera that stands still.
+
+    Raises:
+        ValueError: the machine has no super-tiles, or a lower SH degree than the frame.
+    """
+    check_supertiles(config)
+    memory = memory or MemoryModel(LPDDR3)
+    if pipeline is not None:
+        config = config.with_(incremental=pipeline)
+    if trace.sh_degree > config.sh_degree:
+        raise ValueError(f"config must be a machine of SH degree {trace.sh_degree}, not {config.sh_degree!r}")
+    beta, begin = beta if merge else 0, work_clock()
+    plan = super_plan(trace, config, steady_bounds(trace, config) if bounds is None else bounds, beta, display)
+    tiles = trace.tiles_x * trace.tiles_y
+    table = table_cycles(memory, tiles, plan.where.tiles)
+    binned, counted = _bin(trace, config, memory, plan)
+    latency = _TMU_LATENCY + (COUNT_BITS + frame_lists(config).bit_length() + 1 if beta is None else 0)
+    drawn, events = _render(trace, config, memory, display, plan, max(0, counted - 1 + latency - binned.cycles))
+    phases = {"clear": trace.tiles_y + 1, "table": table, "geometry": binned.cycles, "render": drawn.cycles}
+    total, both = sum(phases.values()), (binned, drawn)
+    reads, writes = sum(p.reads for p in both), sum(p.writes for p in both)
+    reads[bus.TILES] += -(-tiles // 4)
+    moved = {
+        "reads": _bytes(reads, bus.READER_NAMES, read_clients(config)), "writes": _bytes(writes, WRITE_CLIENTS, write_clients(config))}
+    found = {}
+    for name in stages(config):
+        busy, blocked = (int(sum(p.stages[name][i] for p in both if name in p.stages)) for i in range(2))
+        found[name] = Stage(busy, blocked, total - busy - blocked)
+    at = phases["clear"] + table
+    timeline = [("geometry", 0, -1, at, at + binned.cycles), ("render", 0, -1, at + binned.cycles, total)]
+    commands = {name: binned.commands[name] + drawn.commands[name] for name in binned.commands}
+    utilisation = {"array": max(trace.entries, events["ops"]) / max(1, drawn.cycles),
+                   "memory": sum(sum(m.values()) for m in moved.values()) / (memory.peak * total)}
+    return SuperCycles(
+        total, phases, (dict(phases),), found, **moved, entries=trace.entries, groups=int(plan.sorting.groups[-1]) + 1,
+        spilled_entries=int(plan.sorting.way_of.size), **events, **commands, utilisation=utilisation, timeline=timeline,
+        seconds=work_clock() - begin, pairs=trace.pairs, batches=len(plan.visits.batch_supertile), lists=len(plan.lists.counts),
+        overflow=plan.lists.overflow(config.sort_chunk))
+
+
+def _bytes(beats: np.ndarray, names: tuple[str, ...], clients: tuple[str, ...]) -> dict[str, int]:
+    """Bytes by client of a machine."""
+    return {name: BEAT_BYTES * int(beats[names.index(name)]) for name in clients}
+
+
+def _results(s: np.record, cycles: int, watched: tuple[str, ...]) -> _Pass:
+    return _Pass(cycles, counts_of(s, watched), s.reads[: bus.READERS].copy(), s.writes[: len(WRITE_CLIENTS)].copy(),
+                 dram_commands(s))
+
+
+def _bin(trace: SuperTrace, config: AcceleratorConfig, memory: MemoryModel, plan: SuperPlan) -> tuple[_Pass, int]:
+    """Simulates the first phase. Returns it with the cycle in which its last pair was in memory."""
+    s = supertiles_bin.layout.new()
+    prepare_memory(s, memory)
+    paths = _set_paths(s, config)
+    arrays = chunk_units.prepare(s, trace.chunk_count, trace.chunk_read, config, paths)
+    s.list_count = len(plan.lists.counts)
+    writes, where = plan.lists.writes, plan.where
+    classes = trace.point_class
+    cycles, counted = supertiles_bin.bin_phase(
+        s, classes, classes[classes != geometry.NEAR_CULLED], trace.splat_steps, trace.step_groups, trace.step_pairs,
+        trace.step_closes, plan.lists.pair_writes, np.where(writes < 0, where.directory - 1 - writes, where.entries + writes),
+        plan.lists.flushed, where.chunks, where.geometry, *arrays, LIMIT)
+    return _results(s, finished("GEOMETRY", cycles), BIN_STAGES), int(counted)
+
+
+def _set_paths(s: np.record, config: AcceleratorConfig) -> constants.Culling:
+    """Sets the datapaths that both phases share."""
+    paths = constants.culling(config)
+    for place, path in ((datapath.NEAR, paths.near), (datapath.PROJECTION, paths.projection),
+                        (datapath.ELLIPSE, paths.ellipse), (datapath.HARMONICS, paths.colour)):
+        datapath.set_path(s, place, path.length, path.interval, path.rows)
+    s.kept_room = paths.ellipse.rows + TILE_TEST_BESIDE
+    return paths
+
+
+def _set_array(s: np.record, trace: SuperTrace, config: AcceleratorConfig, display: bool) -> None:
+    """Sets the array's sizes and latencies (rtl.vrc_array)."""
+    expand, blend = (config.cores_x - 1).bit_length(), constants.BLEND_LATENCY if config.level_banks == 2 else 0
+    s.blocks, s.cores_x, s.cores_y = config.blocks, config.cores_x, config.cores_y
+    s.row_latency = expand + constants.ROW_PIPELINE + constants.SUMS_LATER + 2 + blend + 3
+    s.leave_latency = expand + config.cores_y + 4
+    s.stop_latency = constants.SETUP_LATENCY + expand + config.cores_y + 4
+    s.store_latency = expand + constants.ROW_PIPELINE + constants.SUMS_LATER + config.cores_y + 4
+    s.rows_free, s.row_halves = OUTPUT_DRAINS * config.cores_y, 2
+    s.drain_rows = config.cores_y if config.incremental else tile_rows(config)
+    s.width, s.height, s.tiles_x = trace.width, trace.height, trace.tiles_x
+    s.pixel_words = (DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES) // 4
+
+
+def _render(
+    trace: SuperTrace, config: AcceleratorConfig, memory: MemoryModel, display: bool, plan: SuperPlan, sweep_from: int,
+) -> tuple[_Pass, dict[str, int]]:
+    """Simulates the second phase. Returns it with counted events."""
+    line, sorting, lists, visits, where = (
+        config.line_buffer_bytes // ENTRY_BYTES, plan.sorting, plan.lists, plan.visits, plan.where)
+    s = supertiles_render.layout.new()
+    prepare_memory(s, memory)
+    s.line_size, s.line_mask = line, (1 << (line - 1).bit_length()) - 1
+    s.tile_count, s.sweep_from = len(lists.counts), sweep_from
+    s.pointer_room, s.entries_base, s.directory_base = LIST_POINTERS, where.entries, where.directory
+    s.table_base, s.capacity = where.supertiles, config.sort_chunk
+    merging, keys = chunks.chunk_stages(config.sort_chunk)
+    chunks.begin_stages(merging, sorting.chunk_ends)
+    s.incremental, s.ring_runs = config.incremental, sorting.ring_runs if sorting.chunk_spill.any() else 0
+    s.spill_base, s.ring_beats = where.spill, sorting.ring_runs * config.sort_chunk // BEAT_ENTRIES
+    s.way_room[: config.merge_ways] = 32
+    s.frame_base, s.rendered_tiles = where.frame, len(visits.drawn)
+    _set_paths(s, config)
+    _set_array(s, trace, config, display)
+    beats = colour_beats(config, trace.sh_degree)
+    s.record_beats, s.pairs = beats, trace.pairs
+    s.colour_steps = len(constants.colour_steps(config, trace.sh_degree)) if trace.sh_degree else 0
+    s.parts, s.batches, s.supertiles = BATCHES, len(visits.batch_supertile), trace.supertiles
+    stop = np.where(trace.stop < 0, 1 << 40, trace.stop.astype(np.int64))
+    blend = trace.blend & (config.level_banks == 2)
+    tile_times = np.full((2, len(visits.drawn) + 1), -1, np.int64)
+    cycles = supertiles_render.render_phase(
+        s, config.merge_ways, lists.counts, sorting.lasts, lists.ends, lists.page_beat, lists.page_start, sorting.group_end,
+        sorting.chunk_length, sorting.chunk_spill, sorting.chunk_last, sorting.chunk_ends, sorting.arrival, merging, keys,
+        sorting.part_runs, sorting.job_start, sorting.job_length, sorting.job_entries, sorting.job_out, sorting.job_waits,
+        sorting.way_of, sorting.job_begin, sorting.job_goal, np.append(plan.missed, 0), where.chunks + trace.chunk,
+        where.colour + trace.splat.astype(np.int64) * beats, np.append(trace.places, 0), np.append(np.diff(trace.start), 0),
+        visits.batch_supertile, visits.batch_places, visits.batch_visit, visits.visit_tile, visits.visit_final,
+        visits.visit_entry, visits.visit_seen, visits.use, stop, blend, visits.drawn,
+        np.full(len(trace.counts), bus.NEVER, np.int64), np.zeros(len(trace.counts), np.int64), tile_times, LIMIT)
+    events = {"ops": int(s.ops), "skipped": int(s.skipped), "fetch_misses": int(s.header_misses), "visits": int(s.visits_taken)}
+    return _results(s, finished("RENDER", cycles), RENDER_STAGES), events

@@ -1,0 +1,233 @@
+"""A frame's trace on a particular machine with lists by super-tile: its lists, groups, header misses, batches and visits, and
+where everything lies in memory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from golden.msv2_ref.batches import cut_batches
+from golden.msv2_ref.buckets import Bounds, list_numbers, next_bounds
+from golden.msv2_ref.fetch import find_misses
+from golden.msv2_ref.supertiles import merge_lists
+from golden.msv2_ref.tile_lists import rank_in_tile
+from perf.kernel import kernel
+from perf.plan import SortPlan, sort_plan
+from perf.supertiles_trace import SuperTrace
+from spec.config import AcceleratorConfig
+from spec.constants import SUPER_TILES, SUPER_X, SUPER_Y
+from spec.memory import (
+    BEAT_BYTES,
+    BEAT_ENTRIES,
+    DIRECTORY_BEATS,
+    DISPLAY_PIXEL_BYTES,
+    FIRST_PAGE_BEATS,
+    FIRST_PAGE_ENTRIES,
+    PIXEL_BYTES,
+    TILE_SETTING_BYTES,
+    WORDS,
+    colour_beats,
+    pages_beyond_first,
+)
+from spec.supertiles import HEADER_WAYS
+
+BEGINS, FILLS = 1, 2
+"""Bits of `ListsPlan.pair_writes`: a pair begins a page other than its list's first one; a pair fills a beat."""
+
+
+@dataclass(frozen=True)
+class ListsPlan:
+    """The lists of a frame.
+
+    Attributes:
+        number: (pairs,) int64, in rendering order, the list of each pair. counts: (lists,) int64.
+        ends: (lists,) bool, whether a list is the last one of its super-tile.
+        rank: (pairs,) int32, in rendering order: the place in the list in memory.
+        pair_writes: (pairs + 1,) uint8, in the order of arrival: BEGINS, FILLS or both.
+        writes: the beats that the pair writer writes, in turn: those of pairs relative to the region's base, and directory
+            words as -1 - beat. The last of them are those of lists with a beat that is not full, by falling number.
+        flushed: (lists,) uint8, by falling number, whether a list has such a beat.
+        page_beat: the first beat of each page beyond the first ones, by list and slot.
+        page_start: (lists + 1,) the place in `page_beat` where each list's pages begin.
+        beats: the beats that the pages take.
+    """
+
+    number: np.ndarray
+    counts: np.ndarray
+    ends: np.ndarray
+    rank: np.ndarray
+    pair_writes: np.ndarray
+    writes: np.ndarray
+    flushed: np.ndarray
+    page_beat: np.ndarray
+    page_start: np.ndarray
+    beats: int
+
+    def overflow(self, capacity: int) -> int:
+        """The pairs in lists with more than `capacity` pairs."""
+        return int(self.counts[self.counts > capacity].sum())
+
+
+def steady_bounds(trace: SuperTrace, config: AcceleratorConfig) -> Bounds:
+    """The bounds that a frame leaves for the next one. They are those of an unmoved camera."""
+    return next_bounds(config, trace.start, trace.key)
+
+
+def lists_plan(trace: SuperTrace, bounds: Bounds) -> ListsPlan:
+    """The lists of a frame with the bounds of the frame before."""
+    number = list_numbers(bounds, trace.supertile, trace.key)
+    counts = np.bincount(number, minlength=bounds.lists)
+    ends = np.zeros(bounds.lists, bool)
+    ends[bounds.first[1:] - 1] = True
+    coming = number[trace.arrival]
+    rank = np.empty(trace.pairs, np.int32)
+    rank[trace.arrival] = rank_in_tile(coming)
+    start = np.concatenate(([0], np.cumsum(pages_beyond_first(counts))))
+    page_beat = np.zeros(int(start[-1]) + 1, np.int64)
+    kinds = np.zeros(trace.pairs + 1, np.uint8)
+    writes = np.zeros(int(start[-1]) + trace.pairs + bounds.lists + 1, np.int64)
+    flushed = np.zeros(bounds.lists, np.uint8)
+    made, beats = _pages(coming, start, kinds, writes, page_beat, flushed)
+    return ListsPlan(number, counts, ends, rank, kinds, writes[:made].copy(), flushed, page_beat, start, int(beats))
+
+
+@kernel
+def _pages(number, page_start, kinds, writes, page_beat, flushed):
+    """Allocates pages in the order of the pairs; returns the number of writes, and of beats that the pages take."""
+    lists, at = len(page_start) - 1, 0
+    beats = lists * FIRST_PAGE_BEATS
+    place, base, page = np.full(lists, FIRST_PAGE_ENTRIES, np.int64), np.empty(lists, np.int64), page_start[:-1].copy()
+    for i in range(lists):
+        base[i] = (i - 1) * FIRST_PAGE_ENTRIES  # in pairs; as if the page followed one as long as all before it
+    for i in range(len(number)):
+        to = number[i]
+        if place[to] > FIRST_PAGE_ENTRIES and place[to] & (place[to] - 1) == 0:
+            kinds[i] |= BEGINS
+            writes[at] = -1 - (DIRECTORY_BEATS * to + (page[to] - page_start[to]) // WORDS)
+            page_beat[page[to]], base[to] = beats, beats * BEAT_ENTRIES - place[to]
+            beats += place[to] // BEAT_ENTRIES
+            page[to] += 1
+            at += 1
+        if place[to] % BEAT_ENTRIES == BEAT_ENTRIES - 1:
+            kinds[i] |= FILLS
+            writes[at] = (base[to] + place[to]) // BEAT_ENTRIES
+            at += 1
+        place[to] += 1
+    for k in range(lists):
+        to = lists - 1 - k
+        if place[to] % BEAT_ENTRIES:
+            flushed[k] = 1
+            writes[at] = (base[to] + place[to]) // BEAT_ENTRIES
+            at += 1
+    return at, beats
+
+
+@dataclass(frozen=True)
+class VisitPlan:
+    """The batches of a frame, and the visits of a machine in which no tile stops.
+
+    Attributes:
+        batch_supertile: (batches,) the super-tile of each batch. batch_places: (batches,) its places.
+        batch_visit: (batches + 1,) the first visit of each batch.
+        visit_tile: (visits,) the tile. visit_final: (visits,) uint8, whether it is the tile's last visit.
+        visit_entry: (visits + 1,) the first entry of each visit. visit_seen: (visits,) the entries of the tile before it.
+        use: (entries,) uint8, by visit: as in `Intersections`.
+        drawn: (tiles,) the tiles in the order of their last visits.
+    """
+
+    batch_supertile: np.ndarray
+    batch_places: np.ndarray
+    batch_visit: np.ndarray
+    visit_tile: np.ndarray
+    visit_final: np.ndarray
+    visit_entry: np.ndarray
+    visit_seen: np.ndarray
+    use: np.ndarray
+    drawn: np.ndarray
+
+
+def visit_plan(trace: SuperTrace, config: AcceleratorConfig) -> VisitPlan:
+    """The batches and visits of a frame on a machine."""
+    batches = cut_batches(trace.start, trace.places, config.batch_places)
+    batch = np.repeat(np.arange(len(batches.supertile)), np.diff(batches.start))
+    tile = np.repeat(np.arange(len(trace.counts)), trace.counts)
+    y, x = np.divmod(np.arange(len(trace.counts)), trace.tiles_x)
+    supertile = y // SUPER_Y * -(-trace.tiles_x // SUPER_X) + x // SUPER_X
+    place = y % SUPER_Y * SUPER_X + x % SUPER_X
+    tile_at = np.full((trace.supertiles, SUPER_TILES), -1, np.int64)
+    tile_at[supertile, place] = np.arange(len(place))
+    key = batch[trace.pair] * SUPER_TILES + place[tile]
+    held = np.bincount(key, minlength=len(batches.supertile) * SUPER_TILES).reshape(-1, SUPER_TILES)
+    wanted = held > 0
+    wanted[batches.final] = tile_at[batches.supertile[batches.final]] >= 0
+    at, where = np.nonzero(wanted)
+    visited, counts = tile_at[batches.supertile[at], where], held[at, where]
+    order = np.argsort(visited, kind="stable")
+    before = np.cumsum(counts[order]) - counts[order]
+    firsts = np.flatnonzero(np.diff(visited[order], prepend=-1))
+    seen = np.empty(len(at), np.int64)
+    seen[order] = before - np.repeat(before[firsts], np.diff(np.append(firsts, len(at))))
+    final = batches.final[at]
+    return VisitPlan(
+        batches.supertile, np.bincount(batch, trace.places, len(batches.supertile)).astype(np.int64),
+        np.searchsorted(at, np.arange(len(batches.supertile) + 1)), visited, final.astype(np.uint8),
+        np.concatenate(([0], np.cumsum(counts))), seen, trace.use[np.argsort(key, kind="stable")], visited[final])
+
+
+@dataclass(frozen=True)
+class SuperMap:
+    """The first beats of the memory regions, which follow each other in the order of `spec.memory`."""
+
+    chunks: int
+    geometry: int
+    colour: int
+    tiles: int
+    supertiles: int
+    directory: int
+    entries: int
+    spill: int
+    frame: int
+
+
+@dataclass(frozen=True)
+class SuperPlan:
+    """A frame on a machine.
+
+    Attributes:
+        lists, sorting, visits: its lists, how they are sorted, and its visits.
+        missed: (pairs,) uint8, in rendering order: whether the chunk's header is not in the cache.
+        where: the memory regions.
+    """
+
+    lists: ListsPlan
+    sorting: SortPlan
+    visits: VisitPlan
+    missed: np.ndarray
+    where: SuperMap
+
+
+def super_plan(
+    trace: SuperTrace, config: AcceleratorConfig, bounds: Bounds, beta: int | None, display: bool,
+) -> SuperPlan:
+    """The data that the phases of a frame need.
+
+    Args:
+        trace, config: the frame and the machine.
+        bounds: those that the frame before left.
+        beta: the merge threshold; None for the automatic one, 0 if nothing is merged.
+        display: whether a pixel takes 4 bytes in memory instead of 16.
+    """
+    lists = lists_plan(trace, bounds)
+    groups = merge_lists(config, lists.counts, beta)
+    sorting = sort_plan(lists.counts, lists.rank, groups, config, int(np.bincount(groups, lists.counts).max(initial=0)))
+    missed = find_misses(
+        trace.chunk.astype(np.int64), np.zeros(trace.pairs, np.int64), config.header_lines, HEADER_WAYS, False, False)
+    tiles, pixel = trace.tiles_x * trace.tiles_y, DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES
+    sizes = (
+        len(trace.chunk_count), -(-trace.points // 2), trace.points * colour_beats(config, trace.sh_degree),
+        -(-tiles * TILE_SETTING_BYTES // BEAT_BYTES), trace.supertiles * SUPER_TILES * TILE_SETTING_BYTES // BEAT_BYTES,
+        len(lists.counts) * DIRECTORY_BEATS, lists.beats, sorting.spill_beats,
+        -(-trace.width * trace.height * pixel // BEAT_BYTES))
+    where = SuperMap(*np.concatenate(([0], np.cumsum(sizes)[:-1])).tolist())
+    return SuperPlan(lists, sorting, visit_plan(trace, config), missed.astype(np.uint8), where)

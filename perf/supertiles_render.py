@@ -1,0 +1,84 @@
+"""The second phase of machines with lists by super-tile, stepped cycle by cycle (rtl/top/gather_phase.py and the units below
+it).
+
+Units are stepped from the last to the first, for the reason that `perf.geometry` gives.
+"""
+
+from __future__ import annotations
+
+from perf import blending, bus, chunks, lists, memory, sorter, supertiles_batch, supertiles_gather
+from perf.bus import CHUNKS, COLOUR, ENTRIES, SPILL, TILES, W_FRAME, W_SPILL
+from perf.kernel import phase, step
+from perf.supertiles_batch import layout
+
+__all__ = ["layout", "render_phase"]
+
+
+@step
+def _asking(s, t):
+    """The clients that ask for a read and those that ask for a write, a bit for each."""
+    reads = (1 << TILES) * (s.supers_owed != 0 and s.credits[TILES] != 0)
+    reads |= (1 << ENTRIES) * (s.list_requests != 0 and s.credits[ENTRIES] != 0)
+    reads |= (1 << SPILL) * (s.spill_read_full != 0 and s.credits[SPILL] != 0)
+    reads |= (1 << CHUNKS) * (s.header_requests != 0 and s.credits[CHUNKS] != 0)
+    reads |= (1 << COLOUR) * (s.record_requests != 0 and s.credits[COLOUR] != 0)
+    return reads, (1 << W_FRAME) * (s.sends != 0) | (1 << W_SPILL) * sorter.writer_asks(s, t)
+
+
+@step
+def _rows(s, t, granted, drawn, tile_times):
+    """Moves the array's rows to the pixel writer."""
+    offered = blending.rows_offered(s, t)
+    taken = blending.step_pixels(s, t, granted, offered, drawn, tile_times)
+    blending.count_rows(s, offered, taken)
+    if taken:
+        blending.take_row(s)
+
+
+@phase
+def render_phase(
+    s, ways, list_counts, list_lasts, list_ends, page_beat, page_start, group_end, chunk_length, chunk_spill, chunk_last,
+    chunk_ends, arrival, stages, keys, part_runs, job_start, job_length, job_entries, job_out, job_waits, way_of, job_begin,
+    job_goal, missed, header_beat, record_beat, places, pair_counts, batch_supertile, batch_places, batch_visit, visit_tile,
+    visit_final, visit_entry, visit_seen, use, stop, blend, drawn, done, pending, tile_times, limit,
+):
+    """Simulates the phase RENDER. Returns its cycles, or -1 when it has not ended within `limit` cycles."""
+    for t in range(limit):
+        reads, writes = _asking(s, t)
+        reader, writer = bus.grant_read(s, t, reads), bus.grant_write(s, t, writes)
+        swept = s.swept
+        list_before = swept - s.list_taken
+        waiting = blending.buffered(s)
+        if blending.pixels_finished(s, t):
+            return t + 1
+        supertiles_batch.load_issue(s, t)
+        supertiles_batch.step_issue(s, t, visit_tile, visit_final, visit_entry, visit_seen, stop, blend, pending, done)
+        _rows(s, t, writer == W_FRAME, drawn, tile_times)
+        supertiles_batch.step_setup(s, t, waiting, visit_tile, visit_final, visit_seen, use, stop, blend)
+        supertiles_batch.step_deal(s, t, batch_visit, visit_tile, visit_final, visit_entry, done)
+        taken = supertiles_batch.places_taken(s, t)
+        supertiles_batch.step_fill(s, t, taken, batch_supertile, batch_places)
+        supertiles_gather.step_colour(s, t, taken, places)
+        supertiles_gather.step_project(s, t)
+        supertiles_gather.step_supertiles(s, t, reader == TILES, pair_counts)
+        supertiles_gather.step_join(s, t, missed)
+        supertiles_gather.step_ask(s, t, reader == COLOUR, missed, record_beat)
+        fetched = supertiles_gather.step_look(s, t, reader == CHUNKS, missed, header_beat)
+        sorter.step_handover(s, fetched)
+        sorter.step_run_writer(s, t, writer == W_SPILL)
+        at = s.sorted
+        sorter.step_sort_out(
+            s, t, ways, reader == SPILL, chunks.chunk_offers(stages, at + s.spilled), group_end, chunk_length, chunk_spill,
+            chunk_last, part_runs, job_start, job_length, job_entries, job_out, job_waits, way_of, job_begin, job_goal)
+        shown = s.entry_shown
+        room = chunks.step_stages(stages, keys, s.sorted + s.spilled, shown, chunk_ends, arrival)
+        if lists.step_unpack(s, t, room):
+            s.busy_sort += 1
+        elif shown:
+            s.blocked_sort += 1
+        lists.step_walk(s, t, reader == ENTRIES, list_before, list_counts, list_lasts, page_beat, page_start)
+        lists.step_sweep(s, t, list_before, 0)
+        if s.swept != swept and list_ends[swept]:
+            s.supers_owed += supertiles_gather.SUPERTILE_BEATS
+        memory.end_cycle(s, t)
+    return -1

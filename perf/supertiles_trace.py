@@ -1,0 +1,230 @@
+"""The properties of a golden frame on which the timing of a machine with lists by super-tile depends (`spec.supertiles`).
+
+A `SuperTrace` depends on the scene, the camera, the formats and the bounds of no frame: where a pair's list lies, and how
+pairs are merged, sorted and dealt, is found by `perf.supertiles_plan` for a machine and the bounds that it has.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import zipfile
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from golden.msv2_ref import pipeline, projection, tile_test
+from golden.scenes.files import atomic_output
+from golden.scenes.request import Request, resolve
+from perf import geometry
+from perf.stops import stop_entries
+from perf.trace import trace_key
+from spec.chunks import PLACE_BITS
+from spec.config import AcceleratorConfig
+from spec.constants import SUPER_X, SUPER_Y, TILE
+from spec.queues import LEVEL_GROUP
+
+VERSION = 1
+"""Version of the trace files; files of other versions are made again."""
+
+
+@dataclass(frozen=True, eq=False)
+class SuperTrace:
+    """The trace of a frame.
+
+    A pair's number is its place in rendering order: by super-tile, depth key and index. A *step* is a row of super-tiles that a
+    splat's box meets: the tile test takes the box of a splat step by step.
+
+    Attributes:
+        width, height: the frame's size in pixels.
+        points, sh_degree: properties of the model.
+        point_class: (read points + 1,) uint8 of the classes in `perf.geometry`, in order; the frame's end counts as VISIBLE.
+        chunk_count: (chunks,) uint8, the Gaussians of each chunk. chunk_read: (chunks,) bool, whether it passes its test.
+        splat_steps: (projected + 1,) int32, the steps of each projected splat, and 1 for the frame's end.
+        step_groups: (steps,) uint8, the groups of LEVEL_GROUP columns in which the splat touches tiles of the step, at least 1.
+        step_pairs: (steps,) uint8, the pairs of each step. step_closes: (steps,) uint8, kinds as those of runs in
+            `perf.geometry`.
+        arrival: (pairs,) int32, the numbers of the pairs in the order in which the first phase emits them.
+        start: (super-tiles + 1,) int64, first pair of each super-tile.
+        key: (pairs,) int64, the depth key. splat: (pairs,) int32, the Gaussian's place in memory. chunk: (pairs,) int32, its
+            chunk. places: (pairs,) uint8, its levels.
+        counts: (tiles,) int32 the intersections of each tile. blend: (tiles,) bool.
+        pair: (intersections,) int32, by tile, in rendering order: the number of the pair. use: uint8 as in `Intersections`.
+        stop: (tiles, 2) int32, the intersections after which all pixels of a level bank have stopped; -1 where some never stop.
+        survivors: the number of splats with a pair. filtered: that of intersections that the foveation filter dropped.
+        record: the request as JSON-ready values.
+    """
+
+    width: int
+    height: int
+    points: int
+    sh_degree: int
+    point_class: np.ndarray
+    chunk_count: np.ndarray
+    chunk_read: np.ndarray
+    splat_steps: np.ndarray
+    step_groups: np.ndarray
+    step_pairs: np.ndarray
+    step_closes: np.ndarray
+    arrival: np.ndarray
+    start: np.ndarray
+    key: np.ndarray
+    splat: np.ndarray
+    chunk: np.ndarray
+    places: np.ndarray
+    counts: np.ndarray
+    blend: np.ndarray
+    pair: np.ndarray
+    use: np.ndarray
+    stop: np.ndarray
+    survivors: int
+    filtered: int
+    record: dict[str, object]
+
+    @property
+    def tiles_x(self) -> int:
+        return -(-self.width // TILE)
+
+    @property
+    def tiles_y(self) -> int:
+        return -(-self.height // TILE)
+
+    @property
+    def supertiles(self) -> int:
+        """The number of super-tiles."""
+        return len(self.start) - 1
+
+    @property
+    def pairs(self) -> int:
+        """The number of pairs."""
+        return len(self.splat)
+
+    @property
+    def points_read(self) -> int:
+        """The number of Gaussians whose geometry is read."""
+        return int(self.chunk_count[self.chunk_read].sum(dtype=np.int64))
+
+    @property
+    def entries(self) -> int:
+        """The number of intersections."""
+        return len(self.pair)
+
+    @property
+    def supertile(self) -> np.ndarray:
+        """(pairs,) int64, the super-tile of each pair."""
+        return np.repeat(np.arange(self.supertiles), np.diff(self.start))
+
+
+def super_trace(frame: pipeline.Frame, record: dict[str, object] | None = None) -> SuperTrace:
+    """The trace of a golden frame.
+
+    Raises:
+        ValueError: the frame is of a machine without super-tiles.
+    """
+    pairs, chunks = frame.pairs, frame.words.chunks
+    if pairs is None or chunks is None:
+        raise ValueError(f"frame must be of a machine with super-tiles, not {frame.config.name!r}")
+    r, e, reason = frame.registers, frame.entries, frame.projected.reason
+    count = chunks["count"].astype(np.uint8)
+    read = count > 0
+    read[read] = reason[chunks["first"][read]] != projection.UNREAD
+    classes = np.full(len(reason) + 1, geometry.VISIBLE, np.uint8)
+    classes[:-1][reason != projection.VISIBLE] = geometry.NEAR_CULLED
+    classes[:-1][reason == projection.OUTSIDE] = geometry.OUTSIDE
+    arrival = np.lexsort((pairs.supertile, pairs.splat))
+    return SuperTrace(
+        r.width, r.height, len(frame.words.geometry), frame.words.sh_degree, classes[np.append(reason != projection.UNREAD, True)],
+        count, read, *_steps(frame, pairs.splat[arrival], pairs.supertile[arrival]), arrival.astype(np.int32), pairs.start,
+        pairs.depth_key.astype(np.int64), pairs.splat.astype(np.int32), (pairs.index >> PLACE_BITS).astype(np.int32),
+        np.unpackbits(pairs.levels[:, None], axis=1).sum(1).astype(np.uint8), np.diff(e.start).astype(np.int32),
+        r.header[:, 1] != 0, pairs.intersection.astype(np.int32), e.use, stop_entries(frame), len(np.unique(pairs.splat)),
+        int(e.filtered), dict(record or {}))
+
+
+def _steps(
+    frame: pipeline.Frame, splat: np.ndarray, supertile: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """`splat_steps`, `step_groups`, `step_pairs` and `step_closes` of a frame's trace, followed by the end of the frame.
+
+    Args:
+        frame: the frame. splat, supertile: (pairs,) by splat, then by super-tile.
+    """
+    visible = np.flatnonzero(frame.projected.reason == projection.VISIBLE)
+    box = frame.projected.box[visible].astype(np.int64)
+    first = box[:, 2] // SUPER_Y
+    steps = box[:, 3] // SUPER_Y - first + 1
+    begin = np.cumsum(steps) - steps
+    of = np.full(len(frame.projected.reason), -1, np.int64)  # of each splat, the number of its first step less its super-row
+    of[visible] = begin - first
+    total = int(steps.sum())
+    row = supertile // -(-frame.registers.tiles_x // SUPER_X)
+    step_pairs = np.bincount(of[splat] + row, minlength=total).astype(np.uint8)
+    low, high = np.full(total, frame.registers.tiles_x), np.full(total, -1)
+    touched = _touched(frame)
+    tile = np.repeat(np.arange(len(touched.start) - 1), np.diff(touched.start))
+    step = of[touched.splat] + tile // frame.registers.tiles_x // SUPER_Y
+    group = tile % frame.registers.tiles_x // LEVEL_GROUP
+    np.minimum.at(low, step, group)
+    np.maximum.at(high, step, group)
+    closes = np.full(total + 1, geometry.NOT_LAST, np.uint8)
+    closes[begin + steps - 1], closes[-1] = geometry.CLOSES, geometry.ENDS
+    groups = np.maximum(high - low + 1, 1).astype(np.uint8)
+    return np.append(steps, 1).astype(np.int32), np.append(groups, 1).astype(np.uint8), np.append(step_pairs, 0), closes
+
+
+def _touched(frame: pipeline.Frame) -> tile_test.Intersections:
+    """The intersections of a frame before the foveation filter."""
+    words = frame.words
+    everywhere = replace(frame.registers, header=np.zeros_like(frame.registers.header))
+    tested = tile_test.tested_opacity(frame.config, words.geometry["log2_opacity"], words.decoded.opacity)
+    visible = np.flatnonzero(frame.projected.reason == projection.VISIBLE).astype(np.int32)
+    return tile_test.tile_intersections(
+        frame.config, frame.projected, tested, words.geometry["bound"], everywhere, visible)
+
+
+def trace_request(
+    args: argparse.Namespace, config: AcceleratorConfig, *, cache: Path | None = None, request: Request | None = None,
+) -> SuperTrace:
+    """The trace of the frame that a command line requests.
+
+    Args:
+        args: the parsed arguments.
+        config: the machine.
+        cache: the folder in which traces are kept; None to keep none.
+        request: the resolved arguments, if they are known already.
+
+    Raises:
+        InputError: see `resolve`.
+    """
+    kept = cache / f"super-{VERSION}-{trace_key(args, config)}.npz" if cache else None
+    found = load_trace(kept) if kept and kept.is_file() else None
+    if found:
+        return found
+    request = request or resolve(args)
+    trace = super_trace(pipeline.render(
+        request.model, request.camera, config=config, foveation=request.foveation, background=request.background),
+        request.record)
+    if kept:
+        save_trace(trace, kept)
+    return trace
+
+
+def save_trace(trace: SuperTrace, path: Path) -> None:
+    """Saves the trace as a compressed npz file, which is written completely or not at all."""
+    values = {f.name: getattr(trace, f.name) for f in fields(trace)}
+    arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+    scalars = {name: value for name, value in values.items() if name not in arrays}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_output(path) as file:
+        np.savez_compressed(file, scalars=json.dumps(scalars, default=float), **arrays)
+
+
+def load_trace(path: Path) -> SuperTrace | None:
+    """The trace that `save_trace` wrote; None for broken files."""
+    try:
+        with np.load(path) as file:
+            arrays = {f.name: file[f.name] for f in fields(SuperTrace) if f.name in file}
+            return SuperTrace(**json.loads(str(file["scalars"])), **arrays)
+    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
+        return None
