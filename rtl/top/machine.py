@@ -21,7 +21,7 @@ from rtl.top.geometry_phase import GeometryPhase
 from rtl.top.render_phase import RenderPhase
 from spec.codes import ErrorCode
 from spec.config import AcceleratorConfig
-from spec.queues import READ_DEPTHS
+from spec.queues import READ_DEPTHS, SUPERTILE_READ_DEPTHS
 from spec.registers import events, read_clients, stages, write_clients
 
 FirstPhase: TypeAlias = GeometryPhase | BinPhase
@@ -155,8 +155,9 @@ class Machine(wiring.Component):
             (bin_phase.READERS, gather_phase.READERS, bin_phase.WRITERS) if self.config.supertiles else
             (geometry_phase.readers(self.config), render_phase.READERS, geometry_phase.WRITERS))
         phases = ((geometry, first), (render, second))
+        depths = SUPERTILE_READ_DEPTHS if self.config.supertiles else READ_DEPTHS
         for place, name in enumerate(read_clients(self.config)):
-            queue = ReadQueue(self.config, READ_DEPTHS[name])
+            queue = ReadQueue(self.config, depths[name])
             m.submodules[f"queue_{name}"] = renamed(queue)
             users = [unit for unit, names in phases if name in names]
             self._connect_readers(m, name, queue, users)
