@@ -41,7 +41,6 @@ from spec.records import (
     COUNT_BITS,
     INDEX_BITS,
     frame_lists,
-    frame_lists,
     frame_tiles,
     gaussian_point,
     intersection,

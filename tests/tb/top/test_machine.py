@@ -80,6 +80,7 @@ SUPERTILES_IN_SHORT = (
 
 SUPERTILES_BROKEN = (
     "reset after 250", "abort after 250", "abort after 2631", "geometry fails", "supertiles fails", "colour fails",
+   
     "frame fails", "width = 0", "second pages")
 """Of those that end early, some of each kind, in both phases."""
 
