@@ -249,20 +249,17 @@ def _render(
     s = warp.layout.new()
     prepare_memory(s, memory)
     s.line_size, s.line_mask = line, (1 << (line - 1).bit_length()) - 1
-    s.tile_count, s.sweep_from = len(eye.counts), sweep_from
+    s.tile_count, s.rendered_tiles, s.sweep_from = len(eye.counts), len(plan.drawn), sweep_from
     s.pointer_room, s.wait_room = 64, 2 * -(-config.row_width // TILE) + 64
-    s.entries_base, s.directory_base = where.entries, where.directory
-    s.table_base = where.target_tiles if number else where.tiles
-    capacity = config.sort_chunk
-    s.capacity = capacity
+    s.entries_base, s.directory_base, s.views_base = where.entries, where.directory, where.views
+    s.table_base, s.frame_base = (where.target_tiles, where.target_frame) if number else (where.tiles, where.frame)
+    s.capacity = capacity = config.sort_chunk
     stages, keys = chunks.chunk_stages(capacity)
     chunks.begin_stages(stages, plan.chunk_ends)
     s.lockstep = config.lockstep
     s.incremental, s.ring_runs = config.incremental, plan.ring_runs if plan.chunk_spill.any() else 0
     s.spill_base, s.ring_beats = where.spill, plan.ring_runs * capacity // BEAT_ENTRIES
     s.way_room[: config.merge_ways] = 32
-    s.views_base, s.frame_base = where.views, where.target_frame if number else where.frame
-    s.rendered_tiles = len(plan.drawn)
     _set_array(s, trace, config, display)
     if len(trace.eyes) > 1 and number == 0:
         _set_warp(s, trace, config, where)

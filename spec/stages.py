@@ -169,7 +169,7 @@ _SUPERTILE = (
         golden=("golden.msv2_ref.supertiles",),
         rtl=("rtl.tile_lists.table_loader", "rtl.supertiles.clip", "rtl.supertiles.tile_test"),
         units=("supertile_clip", "supertile_test"),
-        suites=("tb.supertiles.tile_test_suite",), test="supertile_test", counters=("tile_test",)),
+        suites=("tb.supertiles.clip_suite", "tb.supertiles.tile_test_suite"), test="supertile_test", counters=("tile_test",)),
     Stage(
         "pair_write", "Lists by super-tile, writing", StagePhase.GEOMETRY,
         "Pairs are assigned to the lists of their super-tile and written, combined to whole beats.",

@@ -75,7 +75,8 @@ def test_frames_of_chunks_of_wide_records_and_of_two_eyes_in_short(tmp_path):
 
 SUPERTILES_IN_SHORT = (
     "SH degree 0, usual", "SH degree 3, pauses", "gaze in the middle, usual", "gaze at the side, slow",
-    "clusters, gaze, instant", "bounding boxes, far", "no Gaussians, usual", "all behind, pauses", "one pixel, slow", "odd size, usual")
+    "clusters, gaze, instant", "bounding boxes, far", "no Gaussians, usual", "all behind, pauses", "one pixel, slow",
+    "odd size, usual")
 """Of the plan's frames of a machine with super-tiles, a few."""
 
 SUPERTILES_BROKEN = (
