@@ -8,6 +8,8 @@ credit, of which every cycle brings some: this limits the bandwidth.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from perf.kernel import phase, step
@@ -53,9 +55,11 @@ layout.ring("client_answers", 8, _WRITES)
 layout.ring("beat_times", 8, _DATA)
 
 
-def prepare(s: np.record, *, latency: int, gain: int, cost: int, dram: bool) -> None:
+def prepare(
+    s: np.record, *, latency: int, gain: int, cost: int, dram: bool, depths: Mapping[str, int] = READ_DEPTHS,
+) -> None:
     """Initialises the bus in a new state. A beat costs `cost` credits and every cycle brings `gain`; with cost 0, memory serves
-    a read and a write in every cycle."""
+    a read and a write in every cycle. `depths`: the most beats of each read client that are outstanding or wait."""
     s.latency, s.gain, s.cost, s.credit = latency, gain, cost, 2 * cost
     s.kind = LPDDR3 if dram else STEPPED if gain > cost else COMPUTED
     s.turn_at = -1
@@ -63,7 +67,7 @@ def prepare(s: np.record, *, latency: int, gain: int, cost: int, dram: bool) -> 
     s.read_answers[:] = s.write_answers[:] = s.client_answers[:] = -NEVER
     s.lowest_bit[:] = [(x & -x).bit_length() - 1 for x in range(128)]
     for place, name in enumerate(READER_NAMES):
-        s.credits[place] = READ_DEPTHS[name]
+        s.credits[place] = depths[name]
 
 
 @step

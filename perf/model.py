@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 
@@ -34,7 +35,7 @@ from spec.memory import (
     PIXEL_BYTES,
     colour_beats,
 )
-from spec.queues import OUTPUT_DRAINS, TILE_TEST_BESIDE
+from spec.queues import OUTPUT_DRAINS, READ_DEPTHS, TILE_TEST_BESIDE
 from spec.records import COUNT_BITS, frame_lists
 from spec.registers import STEREO_WRITE_CLIENTS, WRITE_CLIENTS, read_clients
 from spec.stages import StagePhase, watched
@@ -219,10 +220,10 @@ def finished(phase: str, cycles: int) -> int:
     return int(cycles)
 
 
-def prepare_memory(s: np.record, memory: MemoryModel) -> None:
-    """Initialises the bus and the memory in a new state."""
+def prepare_memory(s: np.record, memory: MemoryModel, depths: Mapping[str, int] = READ_DEPTHS) -> None:
+    """Initialises the bus and the memory in a new state; `depths` as in `bus.prepare`."""
     gain, cost = bus.rate(memory.bytes_per_cycle)
-    bus.prepare(s, latency=memory.latency, gain=gain, cost=cost, dram=memory.kind == LPDDR3)
+    bus.prepare(s, latency=memory.latency, gain=gain, cost=cost, dram=memory.kind == LPDDR3, depths=depths)
     dram.prepare(s, memory.device, memory.clock_ns)
 
 
@@ -247,10 +248,10 @@ def _eye(
     return _Pass(cycles, shapes.stages | drawn.stages, reads, shapes.writes + drawn.writes, events, ends)
 
 
-def table_cycles(memory: MemoryModel, tiles: int, base: int) -> int:
+def table_cycles(memory: MemoryModel, tiles: int, base: int, depths: Mapping[str, int] = READ_DEPTHS) -> int:
     """The cycles of the phase TABLE for a table of so many tiles from the beat `base` on."""
     s = geometry.layout.new()
-    prepare_memory(s, memory)
+    prepare_memory(s, memory, depths)
     return finished("TABLE", geometry.table_phase(s, tiles, base, LIMIT))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,9 +27,9 @@ from perf.supertiles_trace import SuperTrace
 from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES
 from spec.memory import BEAT_BYTES, BEAT_ENTRIES, DISPLAY_PIXEL_BYTES, PIXEL_BYTES, colour_beats
-from spec.queues import LIST_POINTERS, OUTPUT_DRAINS, TILE_TEST_BESIDE
+from spec.queues import LIST_POINTERS, OUTPUT_DRAINS, SUPERTILE_READ_DEPTHS, TILE_TEST_BESIDE
 from spec.records import COUNT_BITS, frame_lists
-from spec.registers import READ_CLIENTS, WRITE_CLIENTS, read_clients, stages, write_clients
+from spec.registers import WRITE_CLIENTS, read_clients, stages, write_clients
 from spec.supertiles import check_supertiles
 
 BATCHES = 2
@@ -102,7 +102,7 @@ def simulate_supertiles(
     beta, begin = beta if merge else 0, work_clock()
     plan = super_plan(trace, config, steady_bounds(trace, config) if bounds is None else bounds, beta, display)
     tiles = trace.tiles_x * trace.tiles_y
-    table = table_cycles(memory, tiles, plan.where.tiles)
+    table = table_cycles(memory, tiles, plan.where.tiles, SUPERTILE_READ_DEPTHS)
     binned, counted = _bin(trace, config, memory, plan)
     latency = _TMU_LATENCY + (COUNT_BITS + frame_lists(config).bit_length() + 1 if beta is None else 0)
     drawn, events = _render(trace, config, memory, display, plan, max(0, counted - 1 + latency - binned.cycles))
@@ -141,7 +141,7 @@ def _results(s: np.record, cycles: int, watched: tuple[str, ...]) -> _Pass:
 def _bin(trace: SuperTrace, config: AcceleratorConfig, memory: MemoryModel, plan: SuperPlan) -> tuple[_Pass, int]:
     """Simulates the first phase. Returns it with the cycle in which its last pair was in memory."""
     s = supertiles_bin.layout.new()
-    prepare_memory(s, memory)
+    prepare_memory(s, memory, SUPERTILE_READ_DEPTHS)
     paths = _set_paths(s, config)
     arrays = chunk_units.prepare(s, trace.chunk_count, trace.chunk_read, config, paths)
     s.list_count = len(plan.lists.counts)
@@ -185,7 +185,7 @@ def _render(
     line, sorting, lists, visits, where = (
         config.line_buffer_bytes // ENTRY_BYTES, plan.sorting, plan.lists, plan.visits, plan.where)
     s = supertiles_render.layout.new()
-    prepare_memory(s, memory)
+    prepare_memory(s, memory, SUPERTILE_READ_DEPTHS)
     s.line_size, s.line_mask = line, (1 << (line - 1).bit_length()) - 1
     s.tile_count, s.sweep_from = len(lists.counts), sweep_from
     s.pointer_room, s.entries_base, s.directory_base = LIST_POINTERS, where.entries, where.directory
@@ -199,9 +199,9 @@ def _render(
     _set_paths(s, config)
     _set_array(s, trace, config, display)
     beats = colour_beats(config, trace.sh_degree)
-    s.record_beats, s.pairs = beats, trace.pairs
+    s.record_beats = beats
     s.colour_steps = len(constants.colour_steps(config, trace.sh_degree)) if trace.sh_degree else 0
-    s.parts, s.batches, s.supertiles = BATCHES, len(visits.batch_supertile), trace.supertiles
+    s.parts, s.batches = BATCHES, len(visits.batch_supertile)
     stop = np.where(trace.stop < 0, 1 << 40, trace.stop.astype(np.int64))
     blend = trace.blend & (config.level_banks == 2)
     tile_times = np.full((2, len(visits.drawn) + 1), -1, np.int64)

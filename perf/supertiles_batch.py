@@ -12,10 +12,10 @@ from spec.queues import ARRAY_TILES
 
 layout = Layout(before)
 layout.words("""
-    batches supertiles parts fill_batch fill_left fill_open fill_closed fill_at passed chosen released dealt dealing deal_end deal_visit
+    batches parts fill_batch fill_left fill_open fill_closed fill_at passed chosen released dealt dealing deal_end deal_visit
     deal_entry deal_last visits_in visits_taken items_in items_out""")
 layout.words("""
-    visit_busy visit_begun visit_second visit_ground visit_now visit_tile visit_blends visit_count visit_ends slot_load buffer_load
+    visit_busy visit_begun visit_second visit_ground visit_tile visit_blends visit_count visit_ends slot_load buffer_load
     issue_load load_wait issue_visit store_latency""")
 _VISITS, _ITEMS = 16, 4
 layout.ring("pass_times", 16)

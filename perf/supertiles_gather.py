@@ -17,10 +17,10 @@ add_paths(layout)
 layout.counters("projection", "tile_test", "colour", "batch")
 _PENDING = 256
 layout.words("""
-    pairs record_beats looked header_requests headers_sent header_misses placed header_there headers_held awaiting asked_second
+    record_beats looked header_requests headers_sent header_misses placed header_there headers_held awaiting asked_second
     record_requests records_sent joined join_second beats_held points_in points_out""")
 layout.words("""
-    supers_owed supers_asked supers_part supers_whole supers_taken lists_seen clip_left clipped walked kept kept_room survivors
+    supers_owed supers_asked supers_part supers_whole supers_taken clip_left clipped walked kept kept_room survivors
     colour_steps sum_left sums_in sums_out place_left place_pair""")
 layout.ring("located_times", _PENDING)
 layout.ring("awaited_times", _PENDING)
@@ -33,8 +33,8 @@ layout.ring("sum_times", 4)
 SUPERTILE_BEATS = SUPER_TILES * TILE_SETTING_BYTES // BEAT_BYTES
 
 _TAGS, _LINES, _DECODE, _PLACES = 4, 3, 9, 4
-"""Cycles of the tags; of the lines of headers, before the address of a record is known; of the lines and the decode unit; and of
-the colour unit behind its sums."""
+"""Cycles of the tags; of the lines of headers, before a record's address is known; of the lines and the decode unit behind the
+record; and of the colour unit behind its sums."""
 
 
 @step

@@ -133,9 +133,9 @@ def super_trace(frame: pipeline.Frame, record: dict[str, object] | None = None) 
     classes[:-1][reason != projection.VISIBLE] = geometry.NEAR_CULLED
     classes[:-1][reason == projection.OUTSIDE] = geometry.OUTSIDE
     arrival = np.lexsort((pairs.supertile, pairs.splat))
+    classes = classes[np.append(reason != projection.UNREAD, True)]
     return SuperTrace(
-        r.width, r.height, len(frame.words.geometry), frame.words.sh_degree, classes[np.append(reason != projection.UNREAD, True)],
-        count, read, *_steps(frame, pairs.splat[arrival], pairs.supertile[arrival]), arrival.astype(np.int32), pairs.start,
+        r.width, r.height, len(frame.words.geometry), frame.words.sh_degree, classes, count, read, *_steps(frame, pairs.splat[arrival], pairs.supertile[arrival]), arrival.astype(np.int32), pairs.start,
         pairs.depth_key.astype(np.int64), pairs.splat.astype(np.int32), (pairs.index >> PLACE_BITS).astype(np.int32),
         np.unpackbits(pairs.levels[:, None], axis=1).sum(1).astype(np.uint8), np.diff(e.start).astype(np.int32),
         r.header[:, 1] != 0, pairs.intersection.astype(np.int32), e.use, stop_entries(frame), len(np.unique(pairs.splat)),

@@ -34,6 +34,7 @@ from spec.queues import (
     LIST_TILES,
     OUTPUT_DRAINS,
     READ_DEPTHS,
+    SUPERTILE_READ_DEPTHS,
     TILE_TEST_BESIDE,
     VIEWS_PENDING,
 )
@@ -69,8 +70,9 @@ def stores(config: AcceleratorConfig) -> tuple[Store, ...]:
 
 def _queues(config: AcceleratorConfig) -> Iterator[Store]:
     width = read_data(PAPER).width
+    depths = SUPERTILE_READ_DEPTHS if config.supertiles else READ_DEPTHS
     for client in read_clients(config):  # one word of each queue is its output register
-        yield Store("memory queues", client, LISTS, READ_DEPTHS[client] - 1, width)
+        yield Store("memory queues", client, LISTS, depths[client] - 1, width)
 
 
 def _projection(config: AcceleratorConfig) -> Iterator[Store]:

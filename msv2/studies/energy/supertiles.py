@@ -94,6 +94,6 @@ def _memories(config: AcceleratorConfig, beats: int) -> list[Unit]:
         memory = Memory(store.words, store.width, reads, writes)
         units.append(Unit(f"{store.unit}: {store.name}", operation, 0.0, 0.0, 0.0, 0.0, (memory,) * store.count, _SOURCE))
         if store.name == "records":  # each intersection reads its record
-            units.append(Unit(f"{store.unit}: entries", "entries", 0.0, 0.0, 0.0, 0.0, (replace(memory, reads=1.0, writes=0.0),),
-                              _SOURCE))
+            read = replace(memory, reads=1.0, writes=0.0)
+            units.append(Unit(f"{store.unit}: entries", "entries", 0.0, 0.0, 0.0, 0.0, (read,), _SOURCE))
     return units

@@ -2,32 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from msv2.studies.memory import LPDDR3, MEMORY_NAMES
 from msv2.studies.page import table
 from msv2.studies.v3.frames import MACHINES, MEMORIES
 from msv2.studies.v3.summary import Row, of
-from spec.config import PAPER, V3
+from spec.config import PAPER, SUPERTILES, V3
 from spec.registers import CHUNK_READ_CLIENTS, READ_CLIENTS, WRITE_CLIENTS
 
 NONE = "-"
+_NAMES = (*MACHINES, SUPERTILES.name)
 
 
 def page(content: Mapping[str, Any]) -> str:
     """The report as a Markdown page."""
     rows = content["frames"]
-    found = content["steps"]["records"]
+    found, step = content["steps"]["records"], content["steps"]["supertiles"]
     parts = [
-        "# v3: spatial order, chunks and compact records", _introduction(content),
+        "# v3: spatial order, chunks, compact records and lists by super-tile", _introduction(content),
         "## Goals", _goals(content["goals"]),
-        "## Gains over `paper`", "Geometric means over the frames. `paper, spatial order` is work of the host alone.",
-        _gains({**found["beside"], V3.name: found}),
+        "## Gains over `paper`", "Geometric means over the frames. `paper, spatial order` is work of the host alone. "
+        f"`{SUPERTILES.name}` is `{V3.name}` with lists by super-tile and depth buckets; it gathers records and projects them "
+        "again.",
+        _gains({**found["beside"], V3.name: found, SUPERTILES.name: step}),
         *(part for memory in MEMORIES for part in (f"## Cycles, {MEMORY_NAMES[memory]}", _cycles(rows, memory))),
-        "## Bytes by client", "MB of a frame: `paper` / `v3`.", _bytes(rows),
+        "## Bytes by client", f"MB of a frame: `{PAPER.name}` / `{V3.name}` / `{SUPERTILES.name}`.", _bytes(rows),
+        "## Super-tiles", f"Frames on `{SUPERTILES.name}`, with the bounds of an unmoved camera. A pair is a splat and a "
+        "super-tile.", _supertiles(rows),
+        "## Depth buckets", "Pairs in lists above the sort buffer, where the bounds come from a frame before the camera "
+        "turned by so many degrees and moved to the side by 0.005 units. After a cut there are no bounds.",
+        _overflow(step["overflow"]),
         "## Chunks", "What `v3` reads of the model. Each chunk's header, 32 bytes, is read in any case.", _chunks(rows),
-        "## Energy and activates", f"{MEMORY_NAMES[LPDDR3]}: `paper` / `v3`. The energy of DRAM includes activates, "
+        "## Energy and activates",
+        f"{MEMORY_NAMES[LPDDR3]}: `{PAPER.name}` / `{V3.name}` / `{SUPERTILES.name}`. The energy of DRAM includes activates, "
         "refreshes, standby, I/O and termination; `msv2 study run energy` names the sources.", _energy(rows),
         "## Against photographs", "PSNR in dB of golden frames against photographs of test views, which training does not see. "
         "Frames of four levels have the gaze in the centre.", _photographs(content),
@@ -69,27 +78,48 @@ def _gains(found: Mapping[str, Row]) -> str:
 def _cycles(rows: Sequence[Row], memory: str) -> str:
     lines = []
     for row in of(rows, machine=PAPER.name, memory=memory):
-        others = {name: of(rows, frame=row["frame"], machine=name, memory=memory)[0] for name in MACHINES}
-        v3 = others[V3.name]
+        others = {name: of(rows, frame=row["frame"], machine=name, memory=memory)[0] for name in _NAMES}
+        last = others[SUPERTILES.name]
         lines.append((
-            row["frame"], *(f"{other['cycles']:,}" for other in others.values()), f"{row['cycles'] / v3['cycles']:.3f}",
-            *(f"{row['phases'][phase]:,} / {v3['phases'][phase]:,}" for phase in ("geometry", "render"))))
-    return table(("frame", *MACHINES, "gain", f"geometry, `{PAPER.name}` / `{V3.name}`", "rendering"), lines, left=1)
+            row["frame"], *(f"{other['cycles']:,}" for other in others.values()), f"{row['cycles'] / last['cycles']:.3f}",
+            *(f"{row['phases'][phase]:,} / {last['phases'][phase]:,}" for phase in ("geometry", "render"))))
+    return table(("frame", *_NAMES, "gain", f"geometry, `{PAPER.name}` / `{SUPERTILES.name}`", "rendering"), lines, left=1)
 
 
-def _pair(one: float, other: float, form: str = ".2f") -> str:
-    return f"{one:{form}} / {other:{form}}"
+def _beside(values: Iterable[float], form: str = ".2f") -> str:
+    return " / ".join(f"{value:{form}}" for value in values)
+
+
+def _compared(rows: Sequence[Row]) -> Iterator[tuple[Row, ...]]:
+    """For each frame, its rows on `paper`, `v3` and with super-tiles, with LPDDR3."""
+    for row in of(rows, machine=PAPER.name, memory=LPDDR3):
+        yield row, *(of(rows, frame=row["frame"], machine=name, memory=LPDDR3)[0] for name in (V3.name, SUPERTILES.name))
 
 
 def _bytes(rows: Sequence[Row]) -> str:
     clients = [("read", name) for name in (*CHUNK_READ_CLIENTS, *READ_CLIENTS)] + [("write", name) for name in WRITE_CLIENTS]
     lines = []
-    for row in of(rows, machine=PAPER.name, memory=LPDDR3):
-        v3 = of(rows, frame=row["frame"], machine=V3.name, memory=LPDDR3)[0]
-        cells = [_pair(*(side["bytes"][kind].get(name, 0) / 1e6 for side in (row, v3))) for kind, name in clients]
-        lines.append((row["frame"], *cells, _pair(row["total_bytes"] / 1e6, v3["total_bytes"] / 1e6),
-                      f"{row['total_bytes'] / v3['total_bytes']:.3f}"))
-    return table(("frame", *(f"{name} {kind}" for kind, name in clients), "all", "gain"), lines, left=1)
+    for found in _compared(rows):
+        cells = [_beside(row["bytes"][kind].get(name, 0) / 1e6 for row in found) for kind, name in clients]
+        total = [row["total_bytes"] for row in found]
+        lines.append((found[0]["frame"], *cells, _beside(value / 1e6 for value in total), f"{total[0] / total[1]:.3f}",
+                      f"{total[0] / total[2]:.3f}"))
+    return table(("frame", *(f"{name} {kind}" for kind, name in clients), "all", f"gain, `{V3.name}`",
+                  f"gain, `{SUPERTILES.name}`"), lines, left=1)
+
+
+def _supertiles(rows: Sequence[Row]) -> str:
+    names = ("pairs", "places", "lists", "batches", "visits", "header_misses")
+    return table(("frame", "intersections", *(name.replace("_", " ") for name in names), "pairs a splat"), (
+        (row["frame"], f"{row['entries']:,}", *(f"{row[name]:,}" for name in names),
+         f"{row['pairs'] / max(1, row['survivors']):.2f}") for row in of(rows, machine=SUPERTILES.name, memory=LPDDR3)), left=1)
+
+
+def _overflow(rows: Sequence[Row]) -> str:
+    return table(("frame", "levels", "degrees", "pairs", "lists", "largest list", "share of pairs"), (
+        (row["frame"], "4" if row["foveated"] else "1", "cut" if row["degrees"] is None else f"{row['degrees']:g}",
+         *(f"{row[name]:,}" for name in ("pairs", "lists", "largest")), f"{row['overflow_share']:.4f}")
+        for row in rows), left=1)
 
 
 def _chunks(rows: Sequence[Row]) -> str:
@@ -101,10 +131,9 @@ def _chunks(rows: Sequence[Row]) -> str:
 
 def _energy(rows: Sequence[Row]) -> str:
     lines = []
-    for row in of(rows, machine=PAPER.name, memory=LPDDR3):
-        v3 = of(rows, frame=row["frame"], machine=V3.name, memory=LPDDR3)[0]
-        lines.append((row["frame"], f"{row['activates']:,} / {v3['activates']:,}", *(
-            _pair(row["energy_mj"][part], v3["energy_mj"][part], ".3f") for part in ("chip", "dram"))))
+    for found in _compared(rows):
+        lines.append((found[0]["frame"], " / ".join(f"{row['activates']:,}" for row in found), *(
+            _beside((row["energy_mj"][part] for row in found), ".3f") for part in ("chip", "dram"))))
     return table(("frame", "activates", "chip, mJ", "DRAM, mJ"), lines, left=1)
 
 

@@ -1,5 +1,5 @@
-"""`msv2 study run v3`: what the steps from `paper` to `v3` give: bytes, cycles and energy of frames, and the loss against
-photographs: v3.{json,md}.
+"""`msv2 study run v3`: what the steps from `paper` to `v3`, and on to lists by super-tile, give: bytes, cycles and energy of
+frames, how well depth buckets fit, and the loss against photographs: v3.{json,md}.
 
 The photographs need finished runs of fern and bonsai in build/train (`make train`) and their data sets; without them their part
 is left out.
@@ -24,9 +24,10 @@ from msv2.studies.page import write_page
 from msv2.studies.performance.frames import scene_file
 from msv2.studies.progress import Progress
 from msv2.studies.record import write_report
-from msv2.studies.v3 import frames, orders, photographs, summary
+from msv2.studies.v3 import frames, orders, photographs, summary, supertiles
 from msv2.studies.v3.page import page
 from spec.command_line import command_parser
+from spec.config import SUPERTILES
 from spec.paths import REPORTS
 
 
@@ -39,6 +40,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--orders", default="1", choices=("0", "1"),
                         help="compare the orders of the model, on the frames of the first size (default: 1)")
     parser.add_argument("--photographs", default="1", choices=("0", "1"), help="measure against photographs (default: 1)")
+    parser.add_argument("--turns", default="1", choices=("0", "1"),
+                        help="measure how well the bounds of depth buckets suit the next frame (default: 1)")
     parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",
                         help="output folder (default: build/reports; --keep: reports)")
     return parser.parse_args(argv)
@@ -55,14 +58,21 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     todo = frames.subjects(tuple(name for name in scenes if name not in missing), tuple(args.size) or frames.SIZES)
     runs, missing_runs = photographs.runs_here() if args.photographs == "1" else ({}, [])
     ordered = [subject for subject in todo if subject.size == todo[0].size] if args.orders == "1" else []
-    progress = Progress("v3", [*(subject.name for subject in todo), *(f"orders: {subject.name}" for subject in ordered),
+    moving = supertiles.captured(todo) if args.turns == "1" else []
+    progress = Progress("v3", [*(subject.name for subject in todo), *(f"turns: {subject.name}" for subject in moving),
+                               *(f"orders: {subject.name}" for subject in ordered),
                                *(f"photographs: {scene}" for scene in runs)])
-    table, rows, order_rows, photo_rows = load_table(), [], [], []
+    table, rows, order_rows, photo_rows, overflow = load_table(), [], [], [], []
     for subject in todo:
         with progress.step(subject.name):
             for name, config in frames.MACHINES.items():
                 trace = frames.traced(subject, config)
                 rows += [frames.frame_row(subject, name, memory, trace, config, table) for memory in frames.MEMORIES]
+            trace = supertiles.super_traced(subject)
+            rows += [supertiles.super_row(subject, memory, trace, table) for memory in frames.MEMORIES]
+    for subject in sorted(moving, key=lambda subject: subject.scene):  # a scene's model is prepared once
+        with progress.step(f"turns: {subject.name}"):
+            overflow += supertiles.overflow_rows(subject)
     for subject in ordered:
         with progress.step(f"orders: {subject.name}"):
             order_rows += orders.order_rows(subject)
@@ -71,8 +81,8 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
             photo_rows += photographs.photo_rows(scene, run)
     return {
         "clock_hz": frames.CLOCK_HZ, "missing": missing, "missing_runs": missing_runs,
-        "ordered": [subject.name for subject in ordered], "goals": summary.goals(rows, photo_rows),
-        "steps": summary.steps(rows, photo_rows), "frames": rows, "photographs": photo_rows,
+        "ordered": [subject.name for subject in ordered], "goals": summary.goals(rows, photo_rows, overflow),
+        "steps": summary.steps(rows, photo_rows, overflow), "frames": rows, "photographs": photo_rows,
         "orders": summary.order_means(order_rows), "order_frames": order_rows}
 
 
@@ -84,7 +94,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     out = make_folder(args.out)
     content = measure(args)
     scenes = [scene_file(scene) for scene in args.scene or frames.SCENES if scene != EMBEDDED]
-    write_report(out / "v3.json", content, [__name__], {"arguments": args, "machines": frames.MACHINES},
+    machines = frames.MACHINES | {SUPERTILES.name: SUPERTILES}
+    write_report(out / "v3.json", content, [__name__], {"arguments": args, "machines": machines},
                  [TABLE, *filter(None, scenes), *(run / "model.ply" for run in photographs.runs_here()[0].values())])
     write_page(out / "v3.md", page(content))
     for goal in content["goals"]:

@@ -5,16 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from golden.scenes.load import EMBEDDED
 from msv2.studies.memory import IDEAL, LPDDR3
 from msv2.studies.performance.summary import geomean
 from msv2.studies.v3.frames import MACHINES
-from spec.config import PAPER, V3
+from spec.config import PAPER, SUPERTILES, V3
 
 Row = Mapping[str, Any]
 
 BYTES_GOAL, LPDDR3_GOAL, CHUNKS_GOAL = 1.2, 1.25, 0.35
 """How many times fewer bytes and cycles a frame of `v3` takes, as geometric means; and the largest share of garden_large's
 chunks that is read."""
+
+SUPER_BYTES_GOAL, SUPER_CAPTURED_GOAL, SUPER_IDEAL_GOAL, SUPER_LPDDR3_GOAL, OVERFLOW_GOAL = 2.3, 2.35, 2.0, 2.4, 0.001
+"""The same of the machine with lists by super-tile: bytes of all frames, and at least of each captured scene at CAPTURED_SIZE;
+cycles with the ideal memory and with LPDDR3; and the largest share of pairs in lists that the sorter cannot hold at once."""
+
+CAPTURED_SIZE = "640x360"
 
 CULLED = "garden_large"
 """The scene whose share of chunks has a goal: a camera in it sees a part of it only."""
@@ -50,14 +57,35 @@ def shares(rows: Sequence[Row]) -> dict[str, float]:
     return {row["frame"]: row["chunks_read"] / max(1, row["chunks"]) for row in of(rows, machine=V3.name, memory=LPDDR3)}
 
 
-def steps(rows: Sequence[Row], photographs: Sequence[Row]) -> dict[str, object]:
-    """The steps by name. `records` stands for spatial order, chunks and compact records together; beside it stand its parts."""
+def worst_captured(rows: Sequence[Row]) -> float | None:
+    """How many times fewer bytes a frame of a captured scene of CAPTURED_SIZE takes at least on the machine with super-tiles;
+    None where there is none."""
+    base = {row["frame"]: row["total_bytes"] for row in of(rows, machine=PAPER.name, memory=LPDDR3)}
+    found = of(rows, machine=SUPERTILES.name, memory=LPDDR3, size=CAPTURED_SIZE)
+    return min((base[row["frame"]] / row["total_bytes"] for row in found if row["scene"] != EMBEDDED), default=None)
+
+
+def worst_overflow(overflow: Sequence[Row]) -> float | None:
+    """The largest share of pairs that overflow after a turn, in frames of four levels; None where there is none."""
+    return max((row["overflow_share"] for row in overflow if row["foveated"] and row["degrees"] is not None), default=None)
+
+
+def supertiles(rows: Sequence[Row], overflow: Sequence[Row]) -> dict[str, object]:
+    """The step to lists by super-tile: gains over `paper`, and how much overflows."""
+    return {**gains(rows, SUPERTILES.name), "worst_bytes_gain_captured": worst_captured(rows),
+            "overflow_share": worst_overflow(overflow), "overflow": list(overflow)}
+
+
+def steps(rows: Sequence[Row], photographs: Sequence[Row], overflow: Sequence[Row]) -> dict[str, object]:
+    """The steps by name. `records` stands for spatial order, chunks and compact records together; beside it stand its parts.
+    `supertiles` stands for these and lists by super-tile."""
     parts = {name: gains(rows, name) for name in MACHINES if name not in (PAPER.name, V3.name)}
     worst = max((row["loss_db"] for row in photographs), default=None)
-    return {"records": {**gains(rows, V3.name), "worst_photo_loss_db": worst, "chunks_read": shares(rows), "beside": parts}}
+    return {"records": {**gains(rows, V3.name), "worst_photo_loss_db": worst, "chunks_read": shares(rows), "beside": parts},
+            "supertiles": supertiles(rows, overflow)}
 
 
-def goals(rows: Sequence[Row], photographs: Sequence[Row]) -> list[dict[str, object]]:
+def goals(rows: Sequence[Row], photographs: Sequence[Row], overflow: Sequence[Row]) -> list[dict[str, object]]:
     """The goals, and whether they are reached."""
     found = gains(rows, V3.name)
     culled = [row["chunks_read"] / row["chunks"] for row in of(rows, machine=V3.name, memory=LPDDR3, scene=CULLED)]
@@ -69,7 +97,14 @@ def goals(rows: Sequence[Row], photographs: Sequence[Row]) -> list[dict[str, obj
         levels = lost[0]["levels"]
         out.append(_goal(f"dB lost against photographs, {levels} level{'s' if levels > 1 else ''}", limit,
                          max(row["loss_db"] for row in lost), least=False))
-    return out
+    step = supertiles(rows, overflow)
+    return [
+        *out, _goal("super-tiles: bytes of a frame, times fewer", SUPER_BYTES_GOAL, step["bytes_gain"], least=True),
+        _goal(f"super-tiles: bytes of a captured frame of {CAPTURED_SIZE}, times fewer at least", SUPER_CAPTURED_GOAL,
+              step["worst_bytes_gain_captured"], least=True),
+        _goal("super-tiles: ideal cycles of a frame, times fewer", SUPER_IDEAL_GOAL, step["ideal_gain"], least=True),
+        _goal("super-tiles: LPDDR3 cycles of a frame, times fewer", SUPER_LPDDR3_GOAL, step["lpddr3_gain"], least=True),
+        _goal("super-tiles: share of pairs that overflow after a turn", OVERFLOW_GOAL, step["overflow_share"], least=False)]
 
 
 def _goal(what: str, wanted: float, found: float | None, *, least: bool) -> dict[str, object]:
