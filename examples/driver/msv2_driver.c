@@ -61,6 +61,7 @@ enum msv2_result msv2_probe(void *port, struct msv2_machine *machine)
     machine->stereo = (array & MSV2_MACHINE_ARRAY_STEREO_MASK) != 0;
     machine->chunks = (array & MSV2_MACHINE_ARRAY_CHUNKS_MASK) != 0;
     machine->compact = (array & MSV2_MACHINE_ARRAY_COMPACT_MASK) != 0;
+    machine->supertiles = (array & MSV2_MACHINE_ARRAY_SUPERTILES_MASK) != 0;
     machine->counters = (array & MSV2_MACHINE_ARRAY_COUNTERS_MASK) != 0;
     machine->row_width = part(msv2_read(port, MSV2_MACHINE_FRAME), MSV2_MACHINE_FRAME_ROW_WIDTH_MASK,
                               MSV2_MACHINE_FRAME_ROW_WIDTH_SHIFT);
@@ -203,6 +204,8 @@ uint64_t msv2_count64(void *port, uint32_t low)
 
 void msv2_read_counters(void *port, struct msv2_counters *counters)
 {
+    int supertiles = (msv2_read(port, MSV2_MACHINE_ARRAY) & MSV2_MACHINE_ARRAY_SUPERTILES_MASK) != 0;
+
     counters->cycles = msv2_count64(port, MSV2_CYCLES_TOTAL_LOW);
     counters->cycles_table = msv2_count64(port, MSV2_CYCLES_TABLE_LOW);
     counters->cycles_geometry = msv2_count64(port, MSV2_CYCLES_GEOMETRY_LOW);
@@ -216,6 +219,6 @@ void msv2_read_counters(void *port, struct msv2_counters *counters)
     counters->groups = msv2_read(port, MSV2_GROUPS);
     counters->ops = msv2_read(port, MSV2_OPS);
     counters->pixels = msv2_read(port, MSV2_PIXELS);
-    counters->fetch_hits = msv2_read(port, MSV2_FETCH_HITS);
-    counters->fetch_misses = msv2_read(port, MSV2_FETCH_MISSES);
+    counters->fetch_hits = msv2_read(port, supertiles ? MSV2_HEADER_HITS : MSV2_FETCH_HITS);
+    counters->fetch_misses = msv2_read(port, supertiles ? MSV2_HEADER_MISSES : MSV2_FETCH_MISSES);
 }

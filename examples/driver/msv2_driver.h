@@ -72,6 +72,7 @@ struct msv2_machine {
     int chunks;         /* whether it reads Gaussians in chunks */
     int compact;        /* whether it reads compact records */
     int counters;       /* whether it has counters; without them all counts are 0 */
+    int supertiles;     /* whether its lists belong to super-tiles */
 };
 
 /* A frame image in memory. It points into the bytes given to msv2_image_open, which must stay where they are. */
@@ -97,7 +98,7 @@ struct msv2_counters {
     uint64_t cycles, cycles_table, cycles_geometry, cycles_render;
     uint32_t frames, read_beats, write_beats;
     uint32_t points, survivors, intersections, groups, ops, pixels;
-    uint32_t fetch_hits, fetch_misses;
+    uint32_t fetch_hits, fetch_misses; /* of splat records or, with super-tiles, of chunk headers */
 };
 
 /* Reads what the machine is. MSV2_OK, MSV2_NO_MACHINE or MSV2_OTHER_VERSION. */

@@ -28,6 +28,11 @@ FirstPhase: TypeAlias = GeometryPhase | BinPhase
 SecondPhase: TypeAlias = RenderPhase | GatherPhase
 
 
+def phases(config: AcceleratorConfig) -> tuple[type[FirstPhase], type[SecondPhase]]:
+    """The components of both phases in a machine of `config`."""
+    return (BinPhase, GatherPhase) if config.supertiles else (GeometryPhase, RenderPhase)
+
+
 class Machine(wiring.Component):
     """The accelerator: an AXI4-Lite slave for commands, an AXI4 master to memory, and an interrupt.
 
@@ -62,8 +67,8 @@ class Machine(wiring.Component):
         m.domains.units = ClockDomain(local=True)
         m.d.comb += [ClockSignal("units").eq(ClockSignal()), ResetSignal("units").eq(ResetSignal() | controller.reset_units)]
         renamed = DomainRenamer("units")
-        geometry: FirstPhase = (BinPhase if self.config.supertiles else GeometryPhase)(self.config)
-        render: SecondPhase = (GatherPhase if self.config.supertiles else RenderPhase)(self.config)
+        first, second = phases(self.config)
+        geometry, render = first(self.config), second(self.config)
         m.submodules.geometry, m.submodules.render = renamed(geometry), renamed(render)
 
         bus.join(m, self, registers, "s_axi", "s_axil")

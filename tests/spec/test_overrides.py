@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from spec.config import CONFIGS, PAPER, SUPERTILES, TINY, TINY_SUPERTILES, V3, AcceleratorConfig, NumberFormats
+from spec.config import CONFIGS, MACHINES, PAPER, SUPERTILES, TINY, TINY_SUPERTILES, V3, AcceleratorConfig, NumberFormats
 from spec.errors import InputError
 from spec.formats import SQ, UQ, Fixed, SmallFloat, parse_format
 from spec.overrides import (
@@ -23,6 +23,7 @@ from spec.overrides import (
     config_record,
     convert,
     read_file,
+    recorded_config,
     resolve_config,
 )
 from spec.paths import ROOT
@@ -74,6 +75,11 @@ def test_a_parameter_and_a_format_are_set():
 def test_values_take_the_type_of_their_field(text, name, value):
     got = getattr(resolve_config("paper", [text]), name)
     assert got == value and type(got) is type(value)
+
+
+@pytest.mark.parametrize("config", MACHINES.values(), ids=lambda config: config.name)
+def test_command_lines_take_every_machine_by_its_name(config):
+    assert resolve_config(config.name) == config == recorded_config({"config": config.name}) and CONFIGS.keys() < MACHINES.keys()
 
 
 @pytest.mark.parametrize("config", CONFIGS.values(), ids=lambda config: config.name)

@@ -1,0 +1,43 @@
+"""The phases of machines with super-tiles: what they refuse, and that they are all that such a machine has."""
+
+from __future__ import annotations
+
+import pytest
+
+from rtl.top import bin_phase, gather_phase, geometry_phase, machine, render_phase
+from rtl.top.splat_path import SplatPath
+from spec import registers
+from spec.config import SUPERTILES, TINY, TINY_SUPERTILES
+
+UNITS = (bin_phase.BinPhase, gather_phase.GatherPhase, SplatPath)
+
+
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.__name__)
+def test_other_machines_are_refused(unit):
+    with pytest.raises(TypeError, match="config must be an AcceleratorConfig, not 'tiny'"):
+        unit("tiny")
+    with pytest.raises(ValueError, match="lists must be 'supertile' for this unit, not 'tile'"):
+        unit(TINY)
+    few = TINY_SUPERTILES.with_(list_heads=8)
+    with pytest.raises(ValueError, match="list_heads must be at least 64 for rows of 512 pixels, not 8"):
+        unit(few)
+
+
+@pytest.mark.parametrize("config", [TINY_SUPERTILES, SUPERTILES], ids=lambda config: config.name)
+def test_clients_and_stages_are_those_of_both_phases(config):
+    assert {*bin_phase.READERS, *gather_phase.READERS} == set(registers.read_clients(config))
+    assert set(bin_phase.READERS) & set(gather_phase.READERS) == {"tiles", "chunks"}
+    assert sorted((*bin_phase.WRITERS, *gather_phase.WRITERS)) == sorted(registers.write_clients(config))
+    assert bin_phase.STAGES + gather_phase.STAGES == registers.stages(config)
+
+
+def test_every_event_has_one_source():
+    units = bin_phase.BinPhase(TINY_SUPERTILES), gather_phase.GatherPhase(TINY_SUPERTILES)
+    for name in registers.events(TINY_SUPERTILES):
+        assert sum(name in unit.signature.members for unit in units) == 1, name
+
+
+def test_each_machine_has_its_own_phases():
+    for config, phases in ((TINY, (geometry_phase.GeometryPhase, render_phase.RenderPhase)),
+                           (TINY_SUPERTILES, (bin_phase.BinPhase, gather_phase.GatherPhase))):
+        assert machine.phases(config) == phases
