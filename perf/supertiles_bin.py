@@ -20,7 +20,7 @@ layout.words("""
     pairs_left bucket_pipe
     writer_first writer_slot writer_pipe writer_linked writer_out writer_buffer writer_sent writer_ended flush_at list_count""")
 
-_BUCKET_STAGES = 14  # from a pair to its list (rtl.supertiles.depth_buckets)
+_BUCKET_STAGES = 16  # from a pair to its list (rtl.supertiles.depth_buckets)
 _PIPE = 15
 
 

@@ -68,10 +68,10 @@ from spec.records import (
 CHUNK_BITS = INDEX_BITS - PLACE_BITS
 """Bits of a chunk's number."""
 
-BUCKET_PAIRS = 2048
+BUCKET_PAIRS = 1536
 """Pairs between two bounds."""
 
-BUCKETS = 16
+BUCKETS = 32
 """Most lists of a super-tile."""
 
 HEADER_WAYS = 4

@@ -29,7 +29,7 @@ class BoundsMaker(wiring.Component):
 
     Parameters:
         config: the machine.
-        every: pairs between two bounds, a power of two.
+        every: pairs between two bounds, 2 or more.
 
     Ports:
         item, taken: the ChunkItem that leaves the sorter, and whether it does in this cycle.
@@ -71,15 +71,15 @@ class BoundsMaker(wiring.Component):
         observes, asked, told, known, seen = Signal(), Signal(), Signal(), Signal(), Signal()
         asked_key, bound = Signal(event.members["key"], reset_less=True), Signal(event, reset_less=True)
         last, number = Signal.like(self.owner, reset_less=True), Signal(range(self._every))
-        same = known & (bound.supertile == last)
+        same, turns = known & (bound.supertile == last), number == self._every - 1
         m.d.comb += [
             self.owner_list.eq(self.item.tile), seen.eq(asked | told),
-            queue.w_data.eq(bound), queue.w_en.eq(told & same & (number == self._every - 1)),
+            queue.w_data.eq(bound), queue.w_en.eq(told & same & turns),
         ]
         m.d.sync += [asked.eq(self.taken & ~self.item.empty & observes), asked_key.eq(self.item.depth_key)]
         m.d.sync += [told.eq(asked), bound.supertile.eq(self.owner), bound.key.eq(asked_key)]
         with m.If(told):
-            m.d.sync += [known.eq(1), last.eq(bound.supertile), number.eq(Mux(same, number + 1, 0))]
+            m.d.sync += [known.eq(1), last.eq(bound.supertile), number.eq(Mux(same & ~turns, number + 1, 0))]
         with m.If(self.clear | self.forget):
             m.d.sync += [observes.eq(self.clear), known.eq(0), asked.eq(0), told.eq(0)]
         return seen

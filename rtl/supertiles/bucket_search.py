@@ -7,11 +7,11 @@ row: a frame without bounds, whose numbering is 0 in all fields, needs no table 
 The bound of a list, below which no key of its pairs lies, has the list's number as its address; the first list of a super-tile
 has none. There is a copy of the bounds for every step of the search, because each step of another pair reads in every cycle::
 
-    cycle      0       1       2       3       4       5       6       7       8    ...   14
+    cycle      0       1       2       3       4       5       6       7       8    ...   16
     pairs   <  A  >
     table           < row >
     first                           <first>
-    bounds                                          < + 8 >         <+4, 12>
+    bounds                                          <+ 16 >         <+8, 24>
     hit                                                     <  ?  >         <  ?  >
     entries                                                                              <  A  >
 """
@@ -66,7 +66,7 @@ class BucketSearch(wiring.Component):
         row, bound: what is written to the table and to the bounds; nothing may be, while pairs are inside.
 
     Storage: a row for each super-tile of the largest frame, and log2(BUCKETS) bounds for each list. Throughput: one pair per
-    cycle. Latency: 14 cycles.
+    cycle. Latency: 16 cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):

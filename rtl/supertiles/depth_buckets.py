@@ -23,12 +23,12 @@ class DepthBuckets(wiring.Component):
 
     Parameters:
         config: the machine; `row_width`, `list_heads` and the format of the depth key matter here.
-        every: pairs between two bounds, a power of two.
+        every: pairs between two bounds, 2 or more.
 
     Ports: `bucket_ports`.
 
     Storage: for each super-tile of the largest frame its first list and its number of bounds; for each list four copies of a
-    bound, its super-tile, and two bits. Throughput: one pair, one list and one sorted pair per cycle. Latency: 14 cycles from
+    bound, its super-tile, and two bits. Throughput: one pair, one list and one sorted pair per cycle. Latency: 16 cycles from
     `pairs` to `entries`, one from `groups` to `listed`.
     """
 
@@ -36,8 +36,8 @@ class DepthBuckets(wiring.Component):
         super().__init__(bucket_ports(config))
         if not isinstance(every, int) or isinstance(every, bool):
             raise TypeError(f"every must be an integer, not {every!r}")
-        if every < 2 or every & (every - 1):
-            raise ValueError(f"every must be a power of two from 2 on, not {every!r}")
+        if every < 2:
+            raise ValueError(f"every must be 2 or more, not {every!r}")
         self.config, self._every = config, every
 
     def elaborate(self, platform: object) -> Module:

@@ -18,6 +18,7 @@ from perf.supertiles_plan import BEGINS, FILLS, lists_plan, steady_bounds, visit
 from perf.supertiles_trace import SuperTrace, load_trace, save_trace, super_trace
 from spec.config import SUPERTILES, TINY_SUPERTILES, V3
 from spec.memory import BEAT_BYTES, BEAT_ENTRIES, DIRECTORY_BEATS, WORDS, pages_beyond_first
+from spec.supertiles import BUCKET_PAIRS
 
 RTL = {"table": 171, "geometry": 10_640, "render": 34_730}
 """Cycles of the phases of SMALL through the RTL of `supertiles` (make frame CONFIG=supertiles), with the ideal memory."""
@@ -109,7 +110,7 @@ def test_pairs_are_written_in_whole_beats_where_the_golden_lists_have_them(trace
 def test_buckets_keep_the_order_and_the_pairs_of_a_super_tile(trace):
     trace = replace(trace, start=np.where(np.arange(trace.supertiles + 1) > 1, trace.pairs, 0), key=np.sort(trace.key))
     bounds = steady_bounds(trace, SUPERTILES)
-    assert bounds.lists == trace.supertiles + (trace.pairs - 1) // 2048
+    assert bounds.lists == trace.supertiles + (trace.pairs - 1) // BUCKET_PAIRS
     found = lists_plan(trace, bounds)
     assert (np.diff(found.number) >= 0).all()
     assert found.overflow(SUPERTILES.sort_chunk) == 0

@@ -17,7 +17,7 @@ from golden.scenes.embedded.views import embedded_cameras
 from golden.scenes.levels import smfr_levels
 from spec.config import SUPERTILES, TINY_SUPERTILES
 from spec.records import frame_lists
-from spec.supertiles import BUCKETS
+from spec.supertiles import BUCKET_PAIRS, BUCKETS
 from tests.helpers.golden_samples import map_for, random_model, view
 
 KEYS = TINY_SUPERTILES.formats.depth_key
@@ -61,12 +61,13 @@ def test_the_next_bounds_are_those_of_the_text(seed):
     check_bounds(config, bounds, len(start) - 1)
 
 
-def test_the_first_key_is_never_a_bound_and_pair_2048_is_the_first():
+def test_the_first_key_is_never_a_bound():
     keys = np.arange(5000)
-    for count, wanted in ((0, []), (1, []), (2048, []), (2049, [2048]), (4096, [2048]), (4097, [2048, 4096])):
+    n = BUCKET_PAIRS
+    for count, wanted in ((0, []), (1, []), (n, []), (n + 1, [n]), (2 * n, [n]), (2 * n + 1, [n, 2 * n])):
         assert as_lists(next_bounds(SUPERTILES, np.array([0, count]), keys[:count])) == [wanted]
-    many = np.arange(40 * 2048)
-    assert as_lists(next_bounds(SUPERTILES, np.array([0, len(many)]), many)) == [[2048 * n for n in range(1, BUCKETS)]]
+    many = np.arange((BUCKETS + 8) * BUCKET_PAIRS)
+    assert as_lists(next_bounds(SUPERTILES, np.array([0, len(many)]), many)) == [[BUCKET_PAIRS * n for n in range(1, BUCKETS)]]
 
 
 def test_machines_without_buckets_make_no_bounds():
@@ -77,11 +78,13 @@ def test_machines_without_buckets_make_no_bounds():
 
 
 @pytest.mark.parametrize(("supertile", "key", "message"), [
-    ([0] * 16, [1] * 16, "at most 15 for each"), ([2], [1], "at most 15 for each"), ([1, 0], [1, 1], "must not decrease"),
-    ([0, 0], [5, 4], "must not decrease"), ([0] * 15 + [1] * 12, [1] * 27, "must leave at most 28 lists, not 29"),
+    ([0] * BUCKETS, [1] * BUCKETS, f"at most {BUCKETS - 1} for each"),
+    ([2], [1], f"at most {BUCKETS - 1} for each"), ([1, 0], [1, 1], "must not decrease"),
+    ([0, 0], [5, 4], "must not decrease"),
+    ([0] * (BUCKETS - 1) + [1] * 12, [1] * (BUCKETS + 11), "must leave at most 44 lists, not 45"),
 ])
 def test_bounds_that_no_machine_has_are_refused(supertile, key, message):
-    config = TINY_SUPERTILES.with_(list_heads=28)
+    config = TINY_SUPERTILES.with_(list_heads=BUCKETS + 12)
     with pytest.raises(ValueError, match=message):
         check_bounds(config, Bounds(2, np.array(supertile), np.array(key)), 2)
 

@@ -14,7 +14,10 @@ from golden.scenes.request import Request, parse_request, resolve
 from golden.scenes.stereo import stereo_pair
 from msv2.studies.area.estimate import estimate_area
 from msv2.studies.energy.frame import frame_energy, load_table, model_counts
+from msv2.studies.energy.supertiles import super_counts, super_table
 from perf.model import MemoryModel, simulate
+from perf.supertiles import simulate_supertiles
+from perf.supertiles_trace import super_trace
 from perf.trace import trace_of
 from spec.config import PAPER, AcceleratorConfig, NumberFormats
 from spec.overrides import changed, convert
@@ -44,6 +47,8 @@ class Effect:
 STEREO = (("stereo", True),)
 SPATIAL = (("order", "spatial"),)
 CHUNKS = (*SPATIAL, ("chunks", True))
+COMPACT = (*CHUNKS, ("records", "compact"))
+SUPERTILES = (*COMPACT, ("lists", "supertile"))
 EFFECTS = {
     "name": Effect("other", "name"),
     "cores_x": Effect("8", "cycles+ area-"),
@@ -59,6 +64,7 @@ EFFECTS = {
     "line_buffer_bytes": Effect("64", "cycles+ area-", base=tuple(SMALL_SORTER.items())),
     "sort_buffer_bytes": Effect("1024", "cycles+ area- bytes+"),
     "incremental": Effect("false", "cycles+ area+ energy+"),
+    "lockstep": Effect("true", "cycles+", base=(("incremental", False),)),
     "merge_ways": Effect("2", "cycles+ area- bytes+", base=tuple(SMALL_SORTER.items())),
     "splat_cache_lines": Effect("64", "cycles+ area- bytes+"),
     "counters": Effect("false", "area-"),
@@ -70,6 +76,11 @@ EFFECTS = {
     "order": Effect("spatial", "bytes-"),
     "chunks": Effect("true", "cycles- area+ bytes-", base=SPATIAL),
     "records": Effect("compact", "pixels cycles- bytes-", base=CHUNKS),
+    "lists": Effect("supertile", "cycles- bytes-", base=COMPACT),
+    "list_heads": Effect("2048", "area+", base=SUPERTILES),
+    "buckets": Effect("false", "area-", base=SUPERTILES),
+    "header_lines": Effect("16", "area- bytes+", base=SUPERTILES),
+    "batch_places": Effect("64", "cycles+ area-", base=SUPERTILES),
     "formats.chunk": Effect("float6e8b127", "bytes+", base=CHUNKS),
     "formats.position": Effect("float19e8b127", "pixels"),
     "formats.scale": Effect("ufloat11e6b40", "pixels"),
@@ -136,11 +147,18 @@ def seen(config: AcceleratorConfig) -> Seen:
         levels = min(asked.foveation.levels, config.levels)
         frame = source = pipeline.render(asked.model, asked.camera, config=config,
                                          foveation=asked.foveation if levels > 1 else None)
-    trace = trace_of(frame)
-    cycles = simulate(trace, config, memory=MemoryModel("ideal"), display=True)  # LPDDR3 alone would bound small frames
-    energy = frame_energy(model_counts(trace, cycles), cycles.total, config, load_table())
+    memory, table = MemoryModel("ideal"), load_table()  # LPDDR3 alone would bound small frames
+    if config.supertiles:
+        trace = super_trace(frame)
+        cycles = simulate_supertiles(trace, config, memory=memory, display=True)
+        counts, table, tests = super_counts(trace, cycles, config), super_table(table, trace, config), trace.pairs
+    else:
+        trace = trace_of(frame)
+        cycles = simulate(trace, config, memory=memory, display=True)
+        counts, tests = model_counts(trace, cycles), sum(len(eye.run_entries) for eye in trace.eyes)
+    energy = frame_energy(counts, cycles.total, config, table)
     return Seen(source.pixels.colour, source.pixels.depth, second, cycles.total, estimate_area(config).mm2, energy.chip_mj,
-                sum((*cycles.reads.values(), *cycles.writes.values())), sum(len(eye.run_entries) for eye in trace.eyes))
+                sum((*cycles.reads.values(), *cycles.writes.values())), tests)
 
 
 def test_every_field_has_an_entry():
