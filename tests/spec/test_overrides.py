@@ -79,7 +79,8 @@ def test_values_take_the_type_of_their_field(text, name, value):
 
 @pytest.mark.parametrize("config", MACHINES.values(), ids=lambda config: config.name)
 def test_command_lines_take_every_machine_by_its_name(config):
-    assert resolve_config(config.name) == config == recorded_config({"config": config.name}) and CONFIGS.keys() < MACHINES.keys()
+    assert resolve_config(config.name) == config == recorded_config({"config": config.name})
+    assert CONFIGS.keys() < MACHINES.keys()
 
 
 @pytest.mark.parametrize("config", CONFIGS.values(), ids=lambda config: config.name)
