@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 
 import numpy as np
 
-from golden.host.run_options import IDEAL, LPDDR3, MEMORIES
+from golden.host.run_options import LPDDR3
 from golden.kernels import work_clock
-from perf import bus, chunk_units, chunks, constants, datapath, dram, geometry, render, warp
+from perf import bus, chunk_units, chunks, constants, datapath, geometry, render, warp
+from perf.phases import LIMIT, MemoryModel, counts_of, dram_commands, finished, prepare_memory, table_cycles
 from perf.plan import (
     Lists,
     MemoryMap,
@@ -25,66 +25,23 @@ from perf.plan import (
 from perf.trace import EyeTrace, FrameTrace
 from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES, TILE
-from spec.lpddr3 import Lpddr3, check_clock
 from spec.memory import (
     BEAT_BYTES,
     BEAT_ENTRIES,
-    BUS_BYTES_PER_CYCLE,
     DISPLAY_PIXEL_BYTES,
-    DRAM_BYTES_PER_CYCLE,
     PIXEL_BYTES,
     colour_beats,
 )
-from spec.queues import OUTPUT_DRAINS, READ_DEPTHS, TILE_TEST_BESIDE
+from spec.queues import OUTPUT_DRAINS, TILE_TEST_BESIDE
 from spec.records import COUNT_BITS, frame_lists
 from spec.registers import STEREO_WRITE_CLIENTS, WRITE_CLIENTS, read_clients
 from spec.stages import StagePhase, watched
 from spec.stereo import disparity, reach
 
-LIMIT = 1 << 31
-"""Number of cycles after which a phase is given up."""
-
 GEOMETRY_STAGES = watched(StagePhase.GEOMETRY)
 RENDER_STAGES = watched(StagePhase.RENDERING, StagePhase.SECOND_EYE)
 
 _TMU_LATENCY = 9  # cycles from the frame's last intersection to the first group (rtl.sort_tmu.tile_merge)
-
-
-@dataclass(frozen=True)
-class MemoryModel:
-    """The memory that answers the machine's reads and writes.
-
-    Attributes:
-        kind: one of `golden.host.run_options.MEMORIES`: "ideal" for a memory that answers in order with a latency and a
-            bandwidth; "lpddr3" for four channels of DRAM (`perf.dram`). The RTL's bench has both.
-        latency: the latency of "ideal" in cycles.
-        bytes_per_cycle: the bandwidth of "ideal", for reads and writes together; None for a beat read and a beat written in
-            every cycle.
-        device: the timing of "lpddr3".
-        clock_ns: the period of the machine's clock in nanoseconds, 0.01..1000, rounded to picoseconds. It matters to "lpddr3"
-            alone, whose timing is in nanoseconds.
-    """
-
-    kind: str = IDEAL
-    latency: int = 100
-    bytes_per_cycle: float | None = DRAM_BYTES_PER_CYCLE
-    device: Lpddr3 = field(default_factory=Lpddr3)
-    clock_ns: float = 1.0
-
-    def __post_init__(self) -> None:
-        if self.kind not in MEMORIES:
-            raise ValueError(f"kind must be one of {', '.join(MEMORIES)}, not {self.kind!r}")
-        check_clock(self.clock_ns)
-        if not isinstance(self.latency, int) or isinstance(self.latency, bool) or not 1 <= self.latency <= 1 << 20:
-            raise ValueError(f"latency must be an integer in 1..{1 << 20}, not {self.latency!r}")
-        if self.bytes_per_cycle is not None and not 0.01 <= self.bytes_per_cycle <= BUS_BYTES_PER_CYCLE:
-            raise ValueError(f"bytes_per_cycle must be None or in 0.01..{BUS_BYTES_PER_CYCLE}, which the bus moves at most, "
-                             f"not {self.bytes_per_cycle!r}")
-
-    @property
-    def peak(self) -> float:
-        """The most bytes that DRAM moves in a cycle of the machine; for "ideal" those of the paper's memory and clock."""
-        return DRAM_BYTES_PER_CYCLE * (self.clock_ns if self.kind == LPDDR3 else 1)
 
 
 @dataclass(frozen=True)
@@ -209,24 +166,6 @@ def simulate(
 _lists = lru_cache(maxsize=4)(eye_lists)  # because a trace is often simulated on several machines in a row
 
 
-def finished(phase: str, cycles: int) -> int:
-    """The cycles of a phase.
-
-    Raises:
-        RuntimeError: the phase has not ended within LIMIT cycles.
-    """
-    if cycles < 0:
-        raise RuntimeError(f"{phase} must end within {LIMIT} cycles")
-    return int(cycles)
-
-
-def prepare_memory(s: np.record, memory: MemoryModel, depths: Mapping[str, int] = READ_DEPTHS) -> None:
-    """Initialises the bus and the memory in a new state; `depths` as in `bus.prepare`."""
-    gain, cost = bus.rate(memory.bytes_per_cycle)
-    bus.prepare(s, latency=memory.latency, gain=gain, cost=cost, dram=memory.kind == LPDDR3, depths=depths)
-    dram.prepare(s, memory.device, memory.clock_ns)
-
-
 def _eye(
     trace: FrameTrace, eye: EyeTrace, number: int, config: AcceleratorConfig, memory: MemoryModel, beta: int | None,
     display: bool, written: Lists, plan: RenderPlan, where: MemoryMap,
@@ -246,23 +185,6 @@ def _eye(
     ends += [("render", -1, at + cycles["geometry"], at + cycles["geometry"] + cycles["render"])]
     ends += [(stage, group, a + at + cycles["geometry"], b + at + cycles["geometry"]) for stage, group, a, b in drawn.timeline]
     return _Pass(cycles, shapes.stages | drawn.stages, reads, shapes.writes + drawn.writes, events, ends)
-
-
-def table_cycles(memory: MemoryModel, tiles: int, base: int, depths: Mapping[str, int] = READ_DEPTHS) -> int:
-    """The cycles of the phase TABLE for a table of so many tiles from the beat `base` on."""
-    s = geometry.layout.new()
-    prepare_memory(s, memory, depths)
-    return finished("TABLE", geometry.table_phase(s, tiles, base, LIMIT))
-
-
-def dram_commands(s: np.record) -> dict[str, int]:
-    """The DRAM commands of a phase, counted."""
-    return {"activates": int(s.dram_activates_given), "refreshes": int(s.dram_refreshes)}
-
-
-def counts_of(s: np.record, stages: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """For the input of each stage, the cycles in which an item moved and those in which one was offered and not taken."""
-    return {stage: np.array([s[f"busy_{stage}"], s[f"blocked_{stage}"]]) for stage in stages}
 
 
 def _geometry(

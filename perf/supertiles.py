@@ -10,17 +10,8 @@ from golden.host.run_options import LPDDR3
 from golden.kernels import work_clock
 from golden.msv2_ref.buckets import Bounds
 from perf import bus, chunk_units, chunks, constants, datapath, geometry, supertiles_bin, supertiles_render
-from perf.model import (
-    LIMIT,
-    FrameCycles,
-    MemoryModel,
-    Stage,
-    counts_of,
-    dram_commands,
-    finished,
-    prepare_memory,
-    table_cycles,
-)
+from perf.model import FrameCycles, MemoryModel, Stage
+from perf.phases import LIMIT, counts_of, dram_commands, finished, prepare_memory, table_cycles
 from perf.plan import tile_rows
 from perf.supertiles_plan import SuperPlan, steady_bounds, super_plan
 from perf.supertiles_trace import SuperTrace
@@ -110,8 +101,8 @@ def simulate_supertiles(
     total, both = sum(phases.values()), (binned, drawn)
     reads, writes = sum(p.reads for p in both), sum(p.writes for p in both)
     reads[bus.TILES] += -(-tiles // 4)
-    moved = {
-        "reads": _bytes(reads, bus.READER_NAMES, read_clients(config)), "writes": _bytes(writes, WRITE_CLIENTS, write_clients(config))}
+    moved = {"reads": _bytes(reads, bus.READER_NAMES, read_clients(config)),
+             "writes": _bytes(writes, WRITE_CLIENTS, write_clients(config))}
     found = {}
     for name in stages(config):
         busy, blocked = (int(sum(p.stages[name][i] for p in both if name in p.stages)) for i in range(2))

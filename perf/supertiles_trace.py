@@ -24,6 +24,7 @@ from spec.chunks import PLACE_BITS
 from spec.config import AcceleratorConfig
 from spec.constants import SUPER_X, SUPER_Y, TILE
 from spec.queues import LEVEL_GROUP
+from spec.sources import fingerprint, sources_of
 
 VERSION = 1
 """Version of the trace files; files of other versions are made again."""
@@ -135,7 +136,8 @@ def super_trace(frame: pipeline.Frame, record: dict[str, object] | None = None) 
     arrival = np.lexsort((pairs.supertile, pairs.splat))
     classes = classes[np.append(reason != projection.UNREAD, True)]
     return SuperTrace(
-        r.width, r.height, len(frame.words.geometry), frame.words.sh_degree, classes, count, read, *_steps(frame, pairs.splat[arrival], pairs.supertile[arrival]), arrival.astype(np.int32), pairs.start,
+        r.width, r.height, len(frame.words.geometry), frame.words.sh_degree, classes, count, read,
+        *_steps(frame, pairs.splat[arrival], pairs.supertile[arrival]), arrival.astype(np.int32), pairs.start,
         pairs.depth_key.astype(np.int64), pairs.splat.astype(np.int32), (pairs.index >> PLACE_BITS).astype(np.int32),
         np.unpackbits(pairs.levels[:, None], axis=1).sum(1).astype(np.uint8), np.diff(e.start).astype(np.int32),
         r.header[:, 1] != 0, pairs.intersection.astype(np.int32), e.use, stop_entries(frame), len(np.unique(pairs.splat)),
@@ -197,7 +199,8 @@ def trace_request(
     Raises:
         InputError: see `resolve`.
     """
-    kept = cache / f"super-{VERSION}-{trace_key(args, config)}.npz" if cache else None
+    key = fingerprint(sources_of("perf.supertiles_trace"), VERSION, trace_key(args, config))
+    kept = cache / f"{key}.npz" if cache else None
     found = load_trace(kept) if kept and kept.is_file() else None
     if found:
         return found

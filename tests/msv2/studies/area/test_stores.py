@@ -10,7 +10,8 @@ import pytest
 from msv2.studies.area.stores import Store, stores
 from rtl.units import UNITS
 from rtl.vrc_array.collect import Collect
-from spec.config import DEFAULT, FAST, PAPER, TINY, AcceleratorConfig
+from rtl.vrc_array.pixel_state import PixelState
+from spec.config import DEFAULT, FAST, PAPER, SUPERTILES, TINY, TINY_SUPERTILES, AcceleratorConfig
 from spec.constants import FLIP_FLOP_BITS
 from spec.queues import OUTPUT_DRAINS
 from synth.design import elaborate
@@ -25,6 +26,13 @@ LIKE = {
     "entry_writer": "entry_writer", "tile_merge_unit": "tile_merge_unit", "list_reader": "list_reader",
     "header_maker": "header_maker", "hierarchical_sorter": "hierarchical_sorter", "splat_fetch": "splat_fetch"}
 """Units whose memories are all exact, by their names in the registry and in the energy table."""
+
+
+SUPERTILE_UNITS = {
+    "record_fetch": "record_fetch", "batch_buffer": "batch_buffer", "depth_buckets": "depth_buckets",
+    "pair_writer": "entry_writer", "supertile_reader": "supertile_reader", "list_reader": "list_reader",
+    "tile_merge_unit": "tile_merge_unit", "hierarchical_sorter": "hierarchical_sorter"}
+"""The same of machines with super-tiles."""
 
 
 def of_rtl(component: object) -> Counter[tuple[int, int]]:
@@ -56,6 +64,24 @@ def _shapes(found: object) -> Counter[tuple[int, int]]:
 def test_memories_are_the_rtls(unit, machine):
     config = MACHINES[machine]
     assert of_table(config, LIKE[unit]) == of_rtl(UNITS[unit].make(config))
+
+
+@pytest.mark.parametrize("config", [
+    pytest.param(config, marks=() if config is TINY_SUPERTILES else pytest.mark.long, id=config.name)
+    for config in (TINY_SUPERTILES, SUPERTILES)])
+@pytest.mark.parametrize("unit", SUPERTILE_UNITS)
+def test_memories_of_machines_with_super_tiles_are_the_rtls(unit, config):
+    assert of_table(config, SUPERTILE_UNITS[unit]) == of_rtl(UNITS[unit].make(config))
+
+
+def test_the_pixel_states_memories_are_the_rtls():
+    assert of_table(TINY_SUPERTILES, "pixel_state") == of_rtl(PixelState(TINY_SUPERTILES))
+
+
+def test_machines_with_super_tiles_have_no_memories_for_splat_records():
+    units = {store.unit for store in stores(SUPERTILES)}
+    assert not units & {"splat_fetch", "header_maker"}
+    assert {"record_fetch", "batch_buffer", "pixel_state", "depth_buckets"} <= units
 
 
 @pytest.mark.parametrize("machine", MACHINES)

@@ -5,13 +5,17 @@ from __future__ import annotations
 import json
 import math
 
+import numpy as np
 import pytest
 
+from golden.msv2_ref.buckets import next_bounds
 from golden.scenes.load import EMBEDDED
+from golden.scenes.request import resolve
 from msv2.studies.memory import IDEAL, LPDDR3
-from msv2.studies.v3 import frames, photographs, study, summary
+from msv2.studies.performance.frames import request
+from msv2.studies.v3 import frames, photographs, study, summary, supertiles
 from msv2.studies.v3.page import page
-from spec.config import PAPER, V3
+from spec.config import PAPER, SUPERTILES, V3
 
 
 def row(frame: str, machine: str, memory: str, cycles: int, total: int, **more: object) -> dict[str, object]:
@@ -24,7 +28,8 @@ def row(frame: str, machine: str, memory: str, cycles: int, total: int, **more: 
 
 @pytest.fixture
 def rows() -> list[dict[str, object]]:
-    """Two frames. `v3` is 2 and 8 times as fast, which is 4 as a geometric mean, and moves half of the bytes."""
+    """Two frames. `v3` is 2 and 8 times as fast, which is 4 as a geometric mean, and moves half of the bytes. With super-tiles
+    it is twice as fast again, and moves a quarter of them."""
     out = []
     for frame, gain in (("truck", 2), ("garden_large", 8)):
         for memory, cycles in ((LPDDR3, 8_000), (IDEAL, 4_000)):
@@ -32,12 +37,19 @@ def rows() -> list[dict[str, object]]:
                 v3 = machine == V3.name
                 out.append(row(frame, machine, memory, cycles // gain if v3 else cycles, 500 if v3 else 1000,
                                **({"chunks": 10, "chunks_read": 10 // gain} if v3 else {})))
+            out.append(row(frame, SUPERTILES.name, memory, cycles // gain // 2, 250, size="640x360", pairs=55, places=60,
+                           lists=4, batches=5, visits=12, header_misses=3))
     return out
 
 
 def photo(scene: str, levels: int, loss: float) -> dict[str, object]:
     return {"scene": scene, "size": "64x48", "points": 10, "sh_degree": 3, "levels": levels, "views": 2, "paper_db": 27.0,
             "v3_db": 27.0 - loss, "loss_db": loss, "worst_view_db": loss, "limit_db": photographs.LIMITS[levels]}
+
+
+def over(share: float, degrees: float | None, foveated: bool = True) -> dict[str, object]:
+    return {"frame": "truck", "scene": "truck", "size": "64x48", "foveated": foveated, "degrees": degrees, "pairs": 1000,
+            "lists": 4, "largest": 5000, "overflow": round(1000 * share), "overflow_share": share}
 
 
 def test_gains_are_geometric_means_over_the_frames(rows):
@@ -48,42 +60,86 @@ def test_gains_are_geometric_means_over_the_frames(rows):
 
 
 def test_steps_have_the_worst_loss_and_their_parts_beside_them(rows):
-    step = summary.steps(rows, [photo("fern", 4, 0.004), photo("bonsai", 1, -0.001)])["records"]
+    step = summary.steps(rows, [photo("fern", 4, 0.004), photo("bonsai", 1, -0.001)], [])["records"]
     assert step["worst_photo_loss_db"] == 0.004
     assert set(step["beside"]) == {"paper, spatial order", "chunks, wide records"}
     assert step["chunks_read"] == {"truck": 0.5, "garden_large": 0.1}
-    assert summary.steps(rows, [])["records"]["worst_photo_loss_db"] is None
+    assert summary.steps(rows, [], [])["records"]["worst_photo_loss_db"] is None
+
+
+def test_the_step_to_super_tiles_has_its_gains_and_the_worst_overflow_of_foveated_turns(rows):
+    turns = [over(0.002, 2.0), over(0.001, 0.5), over(0.5, None), over(0.3, 2.0, foveated=False)]
+    step = summary.steps(rows, [], turns)["supertiles"]
+    assert math.isclose(step["ideal_gain"], 8) and math.isclose(step["lpddr3_gain"], 8)
+    assert math.isclose(step["bytes_gain"], 4) and math.isclose(step["worst_bytes_gain_captured"], 4)
+    assert step["overflow_share"] == 0.002 and step["overflow"] == turns
+    embedded = [r | {"scene": EMBEDDED} for r in rows]
+    assert summary.steps(embedded, [], [])["supertiles"]["worst_bytes_gain_captured"] is None
+    goals = {goal["goal"]: goal["reached"] for goal in summary.goals(rows, [], turns)}
+    assert goals["super-tiles: ideal cycles of a frame, times fewer"]
+    assert goals["super-tiles: share of pairs that overflow after a turn"] is False
+    assert summary.goals(rows, [], [])[-1]["reached"] is None
 
 
 @pytest.mark.parametrize(("loss", "reached"), ((0.0049, True), (0.0051, False)))
 def test_goals_are_judged(rows, loss, reached):
-    goals = {goal["goal"]: goal["reached"] for goal in summary.goals(rows, [photo("fern", 1, loss), photo("fern", 4, loss)])}
+    goals = {goal["goal"]: goal["reached"] for goal in summary.goals(
+        rows, [photo("fern", 1, loss), photo("fern", 4, loss)], [])}
     assert goals["bytes of a frame, times fewer"] and goals["LPDDR3 cycles of a frame, times fewer"]
     assert goals["share of garden_large's chunks that is read"]
     assert goals["dB lost against photographs, 1 level"] is reached
     assert goals["dB lost against photographs, 4 levels"]
     slower = [r | {"cycles": 8_000} if r["machine"] == V3.name else r for r in rows]
-    assert not {g["goal"]: g["reached"] for g in summary.goals(slower, [])}["LPDDR3 cycles of a frame, times fewer"]
+    assert not {g["goal"]: g["reached"] for g in summary.goals(slower, [], [])}["LPDDR3 cycles of a frame, times fewer"]
 
 
 def test_the_page_shows_lpddr3_first_and_every_goal(rows):
     lost = [photo("fern", 1, 0.006)]
-    content = {"missing": ["rock_sh3"], "missing_runs": ["bonsai"], "ordered": [], "goals": summary.goals(rows, lost),
-               "steps": summary.steps(rows, []), "frames": rows, "photographs": lost, "orders": []}
+    content = {"missing": ["rock_sh3"], "missing_runs": ["bonsai"], "ordered": [], "goals": summary.goals(rows, lost, []),
+               "steps": summary.steps(rows, [], [over(0.25, None)]), "frames": rows, "photographs": lost, "orders": []}
     text = page(content)
     assert text.index("4 x LPDDR3-1600") < text.index("ideal, 25.6 B a cycle")
     assert "missed" in text and "Missing: rock_sh3." in text and "No finished run in build/train: bonsai." in text
-    assert "| truck | 8,000 | 8,000 | 8,000 | 4,000 | 2.000 |" in text
+    assert "| truck | 8,000 | 8,000 | 8,000 | 4,000 | 2,000 | 4.000 |" in text
+    assert "| truck | 4 | cut | 1,000 | 4 | 5,000 | 0.2500 |" in text
 
 
 def test_a_small_frame_is_measured_on_every_machine(tmp_path):
     study.main([EMBEDDED, "--size", "96x64", "--orders", "0", "--photographs", "0", "--out", str(tmp_path)])
     content = json.loads((tmp_path / "v3.json").read_text())
     found = {(r["machine"], r["memory"]): r for r in content["frames"]}
-    assert len(found) == len(frames.MACHINES) * len(frames.MEMORIES)
+    assert len(found) == (len(frames.MACHINES) + 1) * len(frames.MEMORIES)
     paper, spatial, wide, v3 = (found[name, LPDDR3] for name in frames.MACHINES)
     assert paper["total_bytes"] > v3["total_bytes"] and paper["points_read"] == paper["points"] >= v3["points_read"]
     assert spatial["bytes"]["read"]["geometry"] == paper["bytes"]["read"]["geometry"] >= wide["bytes"]["read"]["geometry"]
     assert v3["bytes"]["read"]["chunks"] == 32 * v3["chunks"] and "chunks" not in paper["bytes"]["read"]
     assert v3["bytes"]["read"]["geometry"] < 0.6 * wide["bytes"]["read"]["geometry"]
+    supers = found[SUPERTILES.name, LPDDR3]
+    assert supers["total_bytes"] < v3["total_bytes"] and supers["energy_mj"]["dram"] < v3["energy_mj"]["dram"]
+    assert supers["bytes"]["read"]["geometry"] == v3["bytes"]["read"]["geometry"]
+    assert supers["entries"] == v3["entries"] and supers["survivors"] == v3["survivors"] <= supers["pairs"]
+    assert "views" not in supers["bytes"]["read"] and content["steps"]["supertiles"]["overflow"] == []
     assert PAPER.name in (tmp_path / "v3.md").read_text()
+
+
+def test_bounds_of_a_frame_keep_the_next_one_from_overflowing(monkeypatch):
+    """With lists above 1,024 pairs counted as too long, and a bound after every 512."""
+    monkeypatch.setattr(supertiles, "SUPERTILES", SUPERTILES.with_(sort_buffer_bytes=1 << 14))
+    monkeypatch.setattr(supertiles, "next_bounds", lambda config, start, key: next_bounds(config, start, key, 512))
+    rows = supertiles.overflow_rows(frames.Subject(EMBEDDED, "128x96"))
+    assert [(r["foveated"], r["degrees"]) for r in rows] == [
+        (foveated, degrees) for foveated in (True, False) for degrees in (*supertiles.TURNS, None)]
+    for small, large, cut in (rows[:3], rows[3:]):
+        assert small["pairs"] == cut["pairs"] and small["lists"] > cut["lists"]
+        assert max(small["overflow"], large["overflow"]) < 0.2 * cut["overflow"] and cut["largest"] > 1024
+
+
+def test_a_turned_camera_sees_the_scene_from_the_side():
+    camera = resolve(request(EMBEDDED, "64x48")).camera
+    same = supertiles.turned(camera, 0, 0)
+    assert (same.rotation == camera.rotation).all() and (same.translation == camera.translation).all()
+    other = supertiles.turned(camera, 2, 0.005)
+    angle = np.degrees(np.arccos(np.clip(other.rotation[2] @ camera.rotation[2], -1, 1)))
+    assert angle == pytest.approx(2, abs=1e-3)
+    moved = np.linalg.norm(other.rotation.T @ other.translation - camera.rotation.T @ camera.translation)
+    assert moved == pytest.approx(0.005, rel=1e-6)
