@@ -10,6 +10,9 @@ from perf import blending, bus, chunks, lists, memory, sorter, supertiles_batch,
 from perf.bus import CHUNKS, COLOUR, ENTRIES, SPILL, TILES, W_FRAME, W_SPILL
 from perf.kernel import phase, step
 from perf.supertiles_batch import layout
+from spec.queues import LISTS_AHEAD
+
+layout.words("swept_before swept_since")
 
 __all__ = ["layout", "render_phase"]
 
@@ -47,7 +50,9 @@ def render_phase(
         reads, writes = _asking(s, t)
         reader, writer = bus.grant_read(s, t, reads), bus.grant_write(s, t, writes)
         swept = s.swept
-        list_before = swept - s.list_taken
+        list_before = s.swept_before - s.list_taken
+        waits = swept - s.list_taken - LISTS_AHEAD
+        s.swept_before, s.swept_since = s.swept_since, swept  # an item takes two cycles through the queue before the reader
         waiting = blending.buffered(s)
         if blending.pixels_finished(s, t):
             return t + 1
@@ -77,7 +82,7 @@ def render_phase(
         elif shown:
             s.blocked_sort += 1
         lists.step_walk(s, t, reader == ENTRIES, list_before, list_counts, list_lasts, page_beat, page_start)
-        lists.step_sweep(s, t, list_before, 0)
+        lists.step_sweep(s, t, waits, 0)
         if s.swept != swept and list_ends[swept]:
             s.supers_owed += supertiles_gather.SUPERTILE_BEATS
         memory.end_cycle(s, t)

@@ -84,6 +84,10 @@ SUPERTILES_AHEAD = 2
 """Super-tiles that wait for the batch buffer while pairs behind them are projected again. Each keeps the array for 256 cycles
 or more, and projection, tile test and colours take about as long."""
 
+LISTS_AHEAD = 32
+"""Lists that wait for the list reader while the super-tile reader already has them: as many as a super-tile has at most. A
+super-tile is known only by its last list, and sorted pairs wait for it while the list reader cannot move."""
+
 SORT_CUTS = 8
 """Most chunks of large groups inside the sorter. It holds the intersections of two full chunks, but the last chunk of each
 group may be short."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from amaranth.hdl import Module, Signal
-from amaranth.lib import stream, wiring
+from amaranth.lib import data, stream, wiring
 from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
@@ -22,7 +22,7 @@ from rtl.top.ports import connect_settings, phase_ports, watch
 from rtl.vrc_array.batch_array import BatchArray
 from rtl.vrc_array.pixel_writer import PixelWriter
 from spec.config import AcceleratorConfig
-from spec.queues import OUTPUT_DRAINS, SUPERTILES_AHEAD
+from spec.queues import LISTS_AHEAD, OUTPUT_DRAINS, SUPERTILES_AHEAD
 from spec.records import (
     chunk_item,
     frame_lists,
@@ -171,13 +171,16 @@ class GatherPhase(wiring.Component):
             m.d.sync += open_.eq(1)
         with m.If(self.clear):
             m.d.sync += [counted.eq(0), open_.eq(0)]
-        lists, ahead = fork.sources[0], broadcast.sources[1]
+        m.submodules.lists = lists = SyncFIFOBuffered(width=self.listed.payload.shape().size, depth=LISTS_AHEAD)
+        listed, ahead = data.View(self.listed.payload.shape(), lists.r_data), broadcast.sources[1]
         m.d.comb += [
             self.counted.eq(counted),
             fork.sink.payload.eq(self.listed.payload), fork.sink.valid.eq(self.listed.valid & open_),
             self.listed.ready.eq(fork.sink.ready & open_),
-            reader.tiles.valid.eq(lists.valid), lists.ready.eq(reader.tiles.ready),
-            *(reader.tiles.payload[name].eq(lists.payload[name]) for name in reader.tiles.payload.shape().members),
+            lists.w_data.eq(fork.sources[0].payload), lists.w_en.eq(fork.sources[0].valid),
+            fork.sources[0].ready.eq(lists.w_rdy),
+            reader.tiles.valid.eq(lists.r_rdy), lists.r_en.eq(reader.tiles.ready),
+            *(reader.tiles.payload[name].eq(listed[name]) for name in reader.tiles.payload.shape().members),
             made.clear.eq(self.clear), broadcast.wanted.eq(0b11),
             queue.w_data.eq(ahead.payload), queue.w_en.eq(ahead.valid), ahead.ready.eq(queue.w_rdy),
             batches.supertiles.payload.eq(queue.r_data), batches.supertiles.valid.eq(queue.r_rdy),

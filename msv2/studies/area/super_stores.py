@@ -24,6 +24,7 @@ from spec.queues import (
     LEVEL_GROUP,
     LIST_POINTERS,
     LIST_TILES,
+    LISTS_AHEAD,
     RECORD_BEATS,
     RECORDS_PENDING,
     TILE_TEST_BESIDE,
@@ -33,14 +34,15 @@ from spec.records import (
     INDEX_BITS,
     frame_lists,
     frame_supertiles,
+    list_group,
     list_index,
     projected_splat,
     surviving_splat,
 )
-from spec.supertiles import CHUNK_BITS, HEADER_WAYS, supertile_index
+from spec.supertiles import BUCKETS, CHUNK_BITS, HEADER_WAYS, supertile_index
 from synth.machine import BLENDING, COLOUR, CULLING, LISTS
 
-_SEARCH_BANKS = 4
+_SEARCH_BANKS = (BUCKETS - 1).bit_length()
 """Memories of bounds that are searched side by side."""
 
 _MASK_PLACES = 32
@@ -84,6 +86,7 @@ def _lists(config: AcceleratorConfig) -> Iterator[Store]:
     yield Store("entry_writer", "pairs", LISTS, lists, pair, BEAT_ENTRIES - 1)
     yield Store("list_reader", "pointers", LISTS, LIST_POINTERS - 1, unit)
     yield Store("list_reader", "waiting", LISTS, LIST_TILES - 1, COUNT_BITS + list_index(config).width + 1)
+    yield Store("list_reader", "ahead", LISTS, LISTS_AHEAD - 1, list_group(config).width)
     yield Store("supertile_reader", "counts", LISTS, frame_supertiles(config) - 1, COUNT_BITS)
     if config.buckets:
         numbers = list_index(config).width
