@@ -86,7 +86,7 @@ def _lists(config: AcceleratorConfig) -> Iterator[Store]:
     yield Store("entry_writer", "pairs", LISTS, lists, pair, BEAT_ENTRIES - 1)
     yield Store("list_reader", "pointers", LISTS, LIST_POINTERS - 1, unit)
     yield Store("list_reader", "waiting", LISTS, LIST_TILES - 1, COUNT_BITS + list_index(config).width + 1)
-    yield Store("list_reader", "ahead", LISTS, LISTS_AHEAD - 1, list_group(config).width)
+    yield Store("queue of lists", "lists", LISTS, LISTS_AHEAD - 1, list_group(config).width)
     yield Store("supertile_reader", "counts", LISTS, frame_supertiles(config) - 1, COUNT_BITS)
     if config.buckets:
         numbers = list_index(config).width

@@ -51,4 +51,4 @@ def test_each_new_memory_is_counted_by_some_operation(found):
     named = {unit.name for unit in table.units}
     for store in super_stores(SUPERTILES):
         assert store.unit in measured or f"{store.unit}: {store.name}" in named or store.name in (
-            "of lists", "of super-tiles", "ends", "counts"), store
+            "of lists", "of super-tiles", "ends", "counts", "lists"), store
