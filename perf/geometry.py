@@ -31,6 +31,32 @@ layout.words("""
 
 
 @step
+def pass_near(s, t, point_class):
+    """Passes the points that the near test keeps to projection, and drops the others."""
+    if s.path_full[NEAR]:
+        if point_class[s.near_point] == NEAR_CULLED:
+            s.path_full[NEAR] = 0
+            s.near_point += 1
+        elif accepts(s, PROJECTION, t):
+            enter(s, PROJECTION, t)
+            s.path_full[NEAR] = 0
+            s.near_point += 1
+    fetch(s, NEAR, t)
+
+
+@step
+def take_chunk_point(s, t, chunk_points):
+    """Takes the point that the chunk reader offers into the near test."""
+    if chunk_units.offers_point(s, t, chunk_points):
+        if accepts(s, NEAR, t):
+            enter(s, NEAR, t)
+            s.busy_projection += 1
+            s.point_taken = 1
+        else:
+            s.blocked_projection += 1
+
+
+@step
 def _write_entries(s, t, granted, begins, entry_writes):
     """Steps IntersectionWriter except its input. Returns whether its slots advance."""
     buffered = s.writer_buffer
@@ -140,23 +166,9 @@ def _project(s, t, point_class, passed_class, splat_steps, chunk_points):
         else:
             s.blocked_tile_test += 1
     fetch(s, PROJECTION, t)
-    if s.path_full[NEAR]:
-        if point_class[s.near_point] == NEAR_CULLED:
-            s.path_full[NEAR] = 0
-            s.near_point += 1
-        elif accepts(s, PROJECTION, t):
-            enter(s, PROJECTION, t)
-            s.path_full[NEAR] = 0
-            s.near_point += 1
-    fetch(s, NEAR, t)
+    pass_near(s, t, point_class)
     if s.chunked:
-        if chunk_units.offers_point(s, t, chunk_points):
-            if accepts(s, NEAR, t):
-                enter(s, NEAR, t)
-                s.busy_projection += 1
-                s.point_taken = 1
-            else:
-                s.blocked_projection += 1
+        take_chunk_point(s, t, chunk_points)
         return
     points, entered = s.points, s.path_in[NEAR]
     ends = entered == points

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from perf import bus, chunk_units, memory
 from perf.bus import W_ENTRIES
-from perf.datapath import ELLIPSE, NEAR, PROJECTION, accepts, enter, fetch
-from perf.geometry import CLOSES, ENDS, NEAR_CULLED, OUTSIDE
+from perf.datapath import ELLIPSE, PROJECTION, accepts, enter, fetch
+from perf.geometry import CLOSES, ENDS, OUTSIDE, pass_near, take_chunk_point
 from perf.kernel import phase, step
 from perf.layout import Layout
 
@@ -136,22 +136,8 @@ def _project(s, t, point_class, passed_class, splat_steps, chunk_points):
             s.passed += 1
             s.clipped |= not outside
     fetch(s, PROJECTION, t)
-    if s.path_full[NEAR]:
-        if point_class[s.near_point] == NEAR_CULLED:
-            s.path_full[NEAR] = 0
-            s.near_point += 1
-        elif accepts(s, PROJECTION, t):
-            enter(s, PROJECTION, t)
-            s.path_full[NEAR] = 0
-            s.near_point += 1
-    fetch(s, NEAR, t)
-    if chunk_units.offers_point(s, t, chunk_points):
-        if accepts(s, NEAR, t):
-            enter(s, NEAR, t)
-            s.busy_projection += 1
-            s.point_taken = 1
-        else:
-            s.blocked_projection += 1
+    pass_near(s, t, point_class)
+    take_chunk_point(s, t, chunk_points)
 
 
 @phase

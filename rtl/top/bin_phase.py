@@ -7,14 +7,12 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.chunks.chunk_reader import ChunkReader
-from rtl.chunks.chunk_test import ChunkTest
-from rtl.chunks.header_reader import ChunkHeaderReader
-from rtl.chunks.level_bounds import LevelBounds
 from rtl.shapes import layout
 from rtl.supertiles.buckets import depth_buckets
 from rtl.supertiles.pair_writer import PairWriter
 from rtl.tile_lists.table_loader import TableLoader
 from rtl.top import splat_path
+from rtl.top.chunked import add_chunk_test
 from rtl.top.ports import connect_settings, phase_ports
 from rtl.top.splat_path import SplatPath
 from spec.config import AcceleratorConfig
@@ -124,7 +122,7 @@ class BinPhase(wiring.Component):
             writer.writes_idle.eq(self.idle_entries), writer.list_count.eq(buckets.list_count),
             buckets.sorted_item.eq(self.sorted_item), buckets.sorted_taken.eq(self.sorted_taken),
             self.list_count.eq(buckets.list_count), self.full.eq(writer.full)]
-        self._test_chunks(m, loader, reader)
+        add_chunk_test(m, self, loader, reader)
         self._begin(m, buckets, writer.busy)
         self._follow(m, loader, path)
         watched = (reader.data, writer.entries)
@@ -134,24 +132,6 @@ class BinPhase(wiring.Component):
         if self.config.counters:
             self._count(m, reader, path)
         return m
-
-    def _test_chunks(self, m: Module, loader: TableLoader, reader: ChunkReader) -> None:
-        """Reads the headers of chunks and gives the reader those that pass the chunk test."""
-        m.submodules.headers = headers = ChunkHeaderReader(self.config)
-        m.submodules.bounds = bounds = LevelBounds(self.config)
-        m.submodules.chunk_test = test = ChunkTest(self.config)
-        for unit in (headers, bounds, test):
-            connect_settings(m, self, unit)
-        wiring.connect(m, headers.reads, wiring.flipped(self.reads_chunks))
-        wiring.connect(m, wiring.flipped(self.data_chunks), headers.data)
-        wiring.connect(m, headers.headers, test.headers)
-        wiring.connect(m, test.tested, reader.tested)
-        levels = loader.levels
-        m.d.comb += [
-            headers.start.eq(self.start), bounds.clear.eq(self.clear),
-            bounds.item.eq(levels.payload), bounds.taken.eq(levels.valid & levels.ready), test.bounds.eq(bounds.bounds)]
-        if self.config.counters:
-            m.d.comb += [self.chunks_read.eq(test.chunks_read), self.chunks_skipped.eq(test.chunks_skipped)]
 
     def _begin(self, m: Module, buckets: wiring.Component, writing: Value) -> None:
         """Counts the frame's super-tiles, row by row, and then gives the lists their bounds. Until the number of lists is known

@@ -7,9 +7,6 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.chunks.chunk_reader import ChunkReader
-from rtl.chunks.chunk_test import ChunkTest
-from rtl.chunks.header_reader import ChunkHeaderReader
-from rtl.chunks.level_bounds import LevelBounds
 from rtl.culling.colour import ColourUnit
 from rtl.culling.projection_unit import ProjectionUnit
 from rtl.culling.saturations import SaturationCounters
@@ -19,6 +16,7 @@ from rtl.tile_lists.entry_writer import IntersectionWriter
 from rtl.tile_lists.geometry_reader import GeometryReader
 from rtl.tile_lists.table_loader import TableLoader
 from rtl.tile_lists.tile_settings import mask_port
+from rtl.top.chunked import add_chunk_test
 from rtl.top.ports import connect_settings, phase_ports, watch
 from spec.config import AcceleratorConfig
 from spec.records import frame_tiles, intersection_tile
@@ -119,7 +117,7 @@ class GeometryPhase(wiring.Component):
         ]
         watch(m, self, (reader.data, projection.sink, tile_test.splats, colour.survivors, writer.entries))
         if self.config.chunks:
-            self._test_chunks(m, loader, reader)
+            add_chunk_test(m, self, loader, reader)
         self._follow(m, loader, tile_test, colour)
         if self.config.stereo:
             m.d.comb += [self.mask_tile.eq(loader.mask_tile), loader.mask.eq(self.mask),
@@ -128,25 +126,6 @@ class GeometryPhase(wiring.Component):
             self._count(m, reader, projection, tile_test)
             self._count_saturated(m, projection, colour)
         return m
-
-    def _test_chunks(self, m: Module, loader: TableLoader, reader: ChunkReader) -> None:
-        """Reads the headers of chunks and gives the reader those that pass the chunk test. The bounds of levels are made anew
-        from the table of tiles of each eye's pass."""
-        m.submodules.headers = headers = ChunkHeaderReader(self.config)
-        m.submodules.bounds = bounds = LevelBounds(self.config)
-        m.submodules.chunk_test = test = ChunkTest(self.config)
-        for unit in (headers, bounds, test):
-            connect_settings(m, self, unit)
-        wiring.connect(m, headers.reads, wiring.flipped(self.reads_chunks))
-        wiring.connect(m, wiring.flipped(self.data_chunks), headers.data)
-        wiring.connect(m, headers.headers, test.headers)
-        wiring.connect(m, test.tested, reader.tested)
-        levels = loader.levels
-        m.d.comb += [
-            headers.start.eq(self.start), bounds.clear.eq(self.clear),
-            bounds.item.eq(levels.payload), bounds.taken.eq(levels.valid & levels.ready), test.bounds.eq(bounds.bounds)]
-        if self.config.counters:
-            m.d.comb += [self.chunks_read.eq(test.chunks_read), self.chunks_skipped.eq(test.chunks_skipped)]
 
     def _follow(self, m: Module, loader: TableLoader, tile_test: TileTest, colour: ColourUnit) -> None:
         """Follows the ends of table and frame. `idle_views` falls only a cycle after a write was taken, hence `settled`."""
