@@ -24,9 +24,9 @@ from golden.scenes.request import (
     take_stereo_arguments,
     write_json,
 )
-from perf.model import FrameCycles, MemoryModel, simulate
+from perf.frames import Trace, simulate, trace_request
+from perf.model import FrameCycles, MemoryModel
 from perf.perfetto import trace_events
-from perf.trace import FrameTrace, trace_request
 from spec.command_line import add_out_argument, command_parser
 from spec.config import AcceleratorConfig
 from spec.effects import EffectPlan
@@ -124,7 +124,7 @@ def asked_of(args: argparse.Namespace) -> Asked:
 
 def traced(
     args: argparse.Namespace, asked: Asked, request: Request, plan: EffectPlan, cache: Path | None,
-) -> tuple[FrameTrace, AcceleratorConfig]:
+) -> tuple[Trace, AcceleratorConfig]:
     """The trace of the frame, and the machine with the units that the plan gives it."""
     machine = planned_machine(plan, asked.config, full=asked.options.full)
     return trace_request(
@@ -133,7 +133,7 @@ def traced(
             args, planned_work(request, plan, asked.config, full=asked.options.full), asked.options)), machine
 
 
-def simulated(trace: FrameTrace, machine: AcceleratorConfig, asked: Asked) -> FrameCycles:
+def simulated(trace: Trace, machine: AcceleratorConfig, asked: Asked) -> FrameCycles:
     """The cycles of the frame."""
     options = asked.options
     return simulate(trace, machine, memory=asked.memory, merge=options.merge, beta=options.beta, display=options.display)

@@ -137,8 +137,11 @@ def simulate(
 
     Raises:
         ValueError: the frame has two eyes, and the machine has no stereo or `display` is False; or the frame needs a higher SH
-            degree than the machine has; or only one of them has chunks.
+            degree than the machine has; or only one of them has chunks; or the machine's lists belong to super-tiles, which
+            `perf.supertiles` simulates.
     """
+    if config.supertiles:
+        raise ValueError(f"config must be a machine with lists by tile, like the trace, not {config.name!r}")
     memory = memory or MemoryModel(LPDDR3)
     if pipeline is not None:
         config = config.with_(incremental=pipeline)

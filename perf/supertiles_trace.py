@@ -9,11 +9,13 @@ from __future__ import annotations
 import argparse
 import json
 import zipfile
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
+from golden.kernels import work_clock
 from golden.msv2_ref import pipeline, projection, tile_test
 from golden.scenes.files import atomic_output
 from golden.scenes.request import Request, resolve
@@ -23,10 +25,11 @@ from perf.trace import trace_key
 from spec.chunks import PLACE_BITS
 from spec.config import AcceleratorConfig
 from spec.constants import SUPER_X, SUPER_Y, TILE
+from spec.effects import with_two_eyes
 from spec.queues import LEVEL_GROUP
 from spec.sources import fingerprint, sources_of
 
-VERSION = 1
+VERSION = 2
 """Version of the trace files; files of other versions are made again."""
 
 
@@ -54,7 +57,7 @@ class SuperTrace:
         pair: (intersections,) int32, by tile, in rendering order: the number of the pair. use: uint8 as in `Intersections`.
         stop: (tiles, 2) int32, the intersections after which all pixels of a level bank have stopped; -1 where some never stop.
         survivors: the number of splats with a pair. filtered: that of intersections that the foveation filter dropped.
-        record: the request as JSON-ready values.
+        record: the request as JSON-ready values. golden_seconds: the CPU time that rendering and tracing took.
     """
 
     width: int
@@ -82,6 +85,7 @@ class SuperTrace:
     survivors: int
     filtered: int
     record: dict[str, object]
+    golden_seconds: float = 0.0
 
     @property
     def tiles_x(self) -> int:
@@ -117,13 +121,15 @@ class SuperTrace:
         return np.repeat(np.arange(self.supertiles), np.diff(self.start))
 
 
-def super_trace(frame: pipeline.Frame, record: dict[str, object] | None = None) -> SuperTrace:
-    """The trace of a golden frame.
+def super_trace(
+    frame: pipeline.Frame, record: dict[str, object] | None = None, seconds: float = 0.0,
+) -> SuperTrace:
+    """The trace of a golden frame; `seconds` is the CPU time that rendering it took, to which this function adds its own.
 
     Raises:
         ValueError: the frame is of a machine without super-tiles.
     """
-    pairs, chunks = frame.pairs, frame.words.chunks
+    begin, pairs, chunks = work_clock(), frame.pairs, frame.words.chunks
     if pairs is None or chunks is None:
         raise ValueError(f"frame must be of a machine with super-tiles, not {frame.config.name!r}")
     r, e, reason = frame.registers, frame.entries, frame.projected.reason
@@ -141,7 +147,7 @@ def super_trace(frame: pipeline.Frame, record: dict[str, object] | None = None) 
         pairs.depth_key.astype(np.int64), pairs.splat.astype(np.int32), (pairs.index >> PLACE_BITS).astype(np.int32),
         np.unpackbits(pairs.levels[:, None], axis=1).sum(1).astype(np.uint8), np.diff(e.start).astype(np.int32),
         r.header[:, 1] != 0, pairs.intersection.astype(np.int32), e.use, stop_entries(frame), len(np.unique(pairs.splat)),
-        int(e.filtered), dict(record or {}))
+        int(e.filtered), dict(record or {}), seconds + work_clock() - begin)
 
 
 def _steps(
@@ -187,6 +193,7 @@ def _touched(frame: pipeline.Frame) -> tile_test.Intersections:
 
 def trace_request(
     args: argparse.Namespace, config: AcceleratorConfig, *, cache: Path | None = None, request: Request | None = None,
+    render: Callable[[], pipeline.Frame] | None = None,
 ) -> SuperTrace:
     """The trace of the frame that a command line requests.
 
@@ -195,19 +202,23 @@ def trace_request(
         config: the machine.
         cache: the folder in which traces are kept; None to keep none.
         request: the resolved arguments, if they are known already.
+        render: a function that makes the frame if it is not kept; None to render the request as it is.
 
     Raises:
-        InputError: see `resolve`.
+        InputError: two eyes are asked for; or see `resolve`.
     """
+    if getattr(args, "stereo", False):
+        with_two_eyes(config)  # raises
     key = fingerprint(sources_of("perf.supertiles_trace"), VERSION, trace_key(args, config))
     kept = cache / f"{key}.npz" if cache else None
     found = load_trace(kept) if kept and kept.is_file() else None
     if found:
         return found
+    begin = work_clock()
     request = request or resolve(args)
-    trace = super_trace(pipeline.render(
-        request.model, request.camera, config=config, foveation=request.foveation, background=request.background),
-        request.record)
+    golden = render() if render is not None else pipeline.render(
+        request.model, request.camera, config=config, foveation=request.foveation, background=request.background)
+    trace = super_trace(golden, request.record, work_clock() - begin)
     if kept:
         save_trace(trace, kept)
     return trace

@@ -62,7 +62,7 @@ from rtl.vrc_array.splat_fetch import SplatFetch
 from rtl.warp_unit.disparity import disparity_divider
 from rtl.warp_unit.warp_unit import WarpUnit
 from spec.command_line import choice
-from spec.config import SUPERTILES, V3, AcceleratorConfig, NumberFormats
+from spec.config import V3, AcceleratorConfig, NumberFormats
 from spec.registers import WRITE_CLIENTS, read_clients
 from spec.stages import EVERY_STAGE
 
@@ -102,10 +102,9 @@ def _of_compact(config: AcceleratorConfig) -> AcceleratorConfig:
 
 
 def _of_supertiles(config: AcceleratorConfig) -> AcceleratorConfig:
-    """The machine, or where its lists are those of tiles the same one with lists by super-tile, and V3's records and one
-    eye."""
+    """The machine, or where its lists are those of tiles the same one with super-tiles, V3's records and one eye."""
     return config if config.supertiles else config.with_(
-        order=V3.order, chunks=V3.chunks, records=V3.records, lists=SUPERTILES.lists, stereo=False)
+        order=V3.order, chunks=V3.chunks, records=V3.records, lists=V3.lists, stereo=False)
 
 
 UNITS: dict[str, Unit] = {

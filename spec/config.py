@@ -1,9 +1,10 @@
 """AcceleratorConfig: the one parameter object from which the golden renderer, the RTL and the reports are made.
 
-TINY is for fast simulation. PAPER has the resources of the paper (section 7, "Hardware Implementation"). DEFAULT is
-PAPER's array with fewer front-end units and a narrower row. V3 is PAPER with a model in spatial order, read in chunks of
-compact records. PRECISE, BALANCED and FAST are PAPER with the shortest word lengths
-and the lowest SH degree that lose no more than 0.01, 0.1 and 0.5 dB of PSNR (docs/tradeoff.md).
+V3 is our machine: the resources of the paper, a model in spatial order, read in chunks of compact records, and lists by
+super-tile (`spec.supertiles`). It renders one eye. DEFAULT is V3 with fewer front-end units and a narrower row. PAPER
+reproduces the machine of the paper (section 7, "Hardware Implementation"), whose lists belong to tiles; it and variants of it
+render two eyes. TINY and TINY_V3 are PAPER and V3 for fast simulation. PRECISE, BALANCED and FAST are V3 with the word lengths
+and SH degrees that lost no more than 0.01, 0.1 and 0.5 dB of PSNR on PAPER (docs/tradeoff.md).
 """
 
 from __future__ import annotations
@@ -328,26 +329,28 @@ class AcceleratorConfig:
 TINY = AcceleratorConfig(
     name="tiny", cores_x=4, cores_y=4, culling_units=1, row_width=512, sort_buffer_bytes=4096, merge_ways=4,
     splat_cache_lines=64, warp_lanes=1, warp_columns=128)
-TINY_SUPERTILES = TINY.with_(
-    name="tiny_supertiles", order="spatial", chunks=True, records="compact", lists="supertile", list_heads=128, header_lines=16,
+TINY_V3 = TINY.with_(
+    name="tiny_v3", order="spatial", chunks=True, records="compact", lists="supertile", list_heads=128, header_lines=16,
     batch_places=64)
-DEFAULT = AcceleratorConfig(name="default", culling_units=2, row_width=1280, warp_lanes=2, warp_columns=256)
 PAPER = AcceleratorConfig(name="paper")
 PAPER_BASE = PAPER.with_(name="paper_base", incremental=False, lockstep=True)
 """The baseline that the paper's text describes, as we read it: double buffers with one tile in each half on both sides of
 sorter and array, swapped when both are done, and rows that leave before the next tile begins. Frames are rendered on it without
 merging (`beta` 0)."""
-V3 = PAPER.with_(name="v3", order="spatial", chunks=True, records="compact")
-SUPERTILES = V3.with_(name="supertiles", lists="supertile")
-"""The next step of V3, until the whole machine has it."""
+PAPER_SMALL = PAPER.with_(name="paper_small", culling_units=2, row_width=1280, warp_lanes=2, warp_columns=256)
+"""PAPER with the front end of DEFAULT; with `stereo` the smaller machine for two eyes."""
+V3 = PAPER.with_(name="v3", order="spatial", chunks=True, records="compact", lists="supertile")
+V3_RECORDS = V3.with_(name="v3_records", lists="tile")
+"""Half of the way from PAPER to V3, which reports/v3.md measures: chunks of compact records, and lists by tile."""
+DEFAULT = V3.with_(name="default", culling_units=2, row_width=1280)
 
 SHORT_FORMATS = NumberFormats(
     work=SmallFloat(sig_bits=12, exp_bits=8, bias=127), conic=SmallFloat(sig_bits=15, exp_bits=6, bias=63), factor=SQ(1, 14),
     colour=UQ(1, 8), depth_key=UQ(22, 0), transmittance=UQ(0, 14), exp2_segments=8)
-"""The shortest formats with which all hard cases still pass. By reports/tradeoff.md they are the best choice for every accepted
-loss."""
+"""The shortest formats with which all hard cases still pass. By reports/tradeoff.md, which was measured on PAPER, they are the
+best choice for every accepted loss."""
 
-PRECISE = PAPER.with_(name="precise", formats=SHORT_FORMATS)
+PRECISE = V3.with_(name="precise", formats=SHORT_FORMATS)
 BALANCED = PRECISE.with_(name="balanced", sh_degree=2)
 FAST = PRECISE.with_(name="fast", sh_degree=1)
 
@@ -356,6 +359,6 @@ PRESETS = {config.name: config for config in (PRECISE, BALANCED, FAST)}
 
 CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER, V3, *PRESETS.values())}
 
-MACHINES = CONFIGS | {config.name: config for config in (PAPER_BASE, TINY_SUPERTILES, SUPERTILES)}
-"""What command lines take as a machine's name: those above, the paper's baseline, and the next step of V3, until it takes
-the place of V3."""
+MACHINES = CONFIGS | {config.name: config for config in (TINY_V3, PAPER_BASE, PAPER_SMALL, V3_RECORDS)}
+"""What command lines take as a machine's name: those above, a small V3 for tests, the paper's baseline, PAPER with a smaller
+front end, and the step between PAPER and V3."""

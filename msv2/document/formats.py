@@ -15,7 +15,7 @@ import numpy as np
 
 from msv2.document.text import attribute_docs, doc_of, listed_docs, number, one_line, table
 from spec import chunks, compact, constants, formats, harmonics, memory, queues, records, stereo, supertiles, tables
-from spec.config import CONFIGS, DEFAULT, PAPER, SUPERTILES, V3, AcceleratorConfig, NumberFormats
+from spec.config import CONFIGS, DEFAULT, PAPER, V3, V3_RECORDS, AcceleratorConfig, NumberFormats
 from spec.formats import Fixed, Format, SmallFloat
 from spec.paths import DOCS
 
@@ -67,9 +67,9 @@ def record_section(make: Callable[[AcceleratorConfig], records.Record], config: 
 def chunks_section() -> list[str]:
     """The records of chunks and of compact Gaussians."""
     lines = ["## Chunks", "", doc_of(chunks), "", "## Compact records", "", doc_of(compact), "",
-             "## Records of machines with chunks", "", f"Layouts are those of `{V3.name}`.", ""]
+             "## Records of machines with chunks", "", f"Layouts are those of `{V3_RECORDS.name}`.", ""]
     for make in (*chunks.CHUNK_RECORDS, *compact.COMPACT_RECORDS):
-        lines += record_section(make, V3)
+        lines += record_section(make, V3_RECORDS)
     return [*lines, *_added_fields(PAPER.with_(order="spatial", chunks=True))]
 
 
@@ -81,12 +81,12 @@ def layout(make: Callable[[AcceleratorConfig], records.Record], config: Accelera
 def supertiles_section() -> list[str]:
     """What lists by super-tile are, and the records that only machines with them have, or have otherwise."""
     lines = ["## Super-tiles", "", doc_of(supertiles), "", "## Records of machines with super-tiles", "",
-             f"Layouts are those of `{SUPERTILES.name}`. Records of other machines stand here if their fields differ.", ""]
+             f"Layouts are those of `{V3.name}`. Records of other machines stand here if their fields differ.", ""]
     for make in (*supertiles.SUPERTILE_RECORDS, records.list_group):
-        lines += record_section(make, SUPERTILES)
+        lines += record_section(make, V3)
     for make in (*records.RECORDS, *memory.MEMORY_RECORDS, *chunks.CHUNK_RECORDS):
-        if layout(make, SUPERTILES) != layout(make, V3):
-            lines += record_section(make, SUPERTILES)
+        if layout(make, V3) != layout(make, V3_RECORDS):
+            lines += record_section(make, V3)
     return lines
 
 

@@ -19,11 +19,12 @@ from typing import Any
 from golden.msv2_ref.plan import plan_for, planned_machine
 from golden.scenes.request import Request, resolve
 from msv2.studies.area.estimate import CULLING_REPORT, ESTIMATE, NO_AREA, REPORT, SYNTHESIS_REPORT, SYNTHESISED, estimate_area
-from msv2.studies.energy.frame import frame_energy, model_counts
+from msv2.studies.energy.modelled import modelled_energy
 from msv2.studies.energy.table import TABLE, Table, load_table
 from msv2.sweep.points import Point
 from perf.__main__ import CACHE, Asked, simulated, traced
-from perf.trace import FrameTrace, trace_key
+from perf.frames import Trace
+from perf.trace import trace_key
 from spec.config import PAPER, AcceleratorConfig
 from spec.effects import EffectPlan
 from spec.errors import InputError
@@ -95,7 +96,7 @@ def measure(point: Point) -> dict[str, object]:
     trace, machine = _traced(args, asked, request, plan)
     cycles = simulated(trace, machine, asked)
     built = asked.config.with_(stereo=args.stereo) if asked.options.full else machine
-    energy = frame_energy(model_counts(trace, cycles), cycles.total, built, _table(), clock_hz=1e6 * point.clock_mhz)
+    energy = modelled_energy(trace, cycles, built, _table(), clock_hz=1e6 * point.clock_mhz)
     area = estimate_area(built)
     return {
         "cycles": cycles.total, "milliseconds": cycles.total / point.clock_mhz / 1e3,
@@ -124,7 +125,7 @@ def _prepared(args: argparse.Namespace, asked: Asked) -> tuple[Request, EffectPl
 
 def _traced(
     args: argparse.Namespace, asked: Asked, request: Request, plan: EffectPlan,
-) -> tuple[FrameTrace, AcceleratorConfig]:
+) -> tuple[Trace, AcceleratorConfig]:
     machine = planned_machine(plan, asked.config, full=asked.options.full)
     trace = _traces.get(trace_key(args, machine), lambda: traced(args, asked, request, plan, CACHE)[0])
     return trace, machine

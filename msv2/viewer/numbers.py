@@ -8,10 +8,11 @@ from golden.host.run_options import IDEAL, LPDDR3, RunOptions
 from golden.msv2_ref.eyes import StereoFrame
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.plan import Work
-from msv2.studies.energy.frame import EnergyReport, frame_energy, model_counts
+from msv2.studies.energy.frame import EnergyReport
+from msv2.studies.energy.modelled import modelled_energy
 from msv2.studies.energy.table import Table, load_table
-from perf.model import FrameCycles, MemoryModel, simulate
-from perf.trace import trace_of
+from perf.frames import simulate, trace_of
+from perf.model import FrameCycles, MemoryModel
 from spec.effects import EffectPlan
 
 
@@ -95,7 +96,7 @@ def of_frame(
     trace = trace_of(golden, record=work.request.record)
     cycles = simulate(trace, work.config, memory=memory, merge=options.merge, beta=options.beta,
                       display=options.display or isinstance(golden, StereoFrame))
-    energy = frame_energy(model_counts(trace, cycles), cycles.total, work.config, table, clock_hz=clock_hz)
+    energy = modelled_energy(trace, cycles, work.config, table, clock_hz=clock_hz)
     ideal = None
     if memory.kind == LPDDR3:
         bound = simulate(trace, work.config, memory=MemoryModel(IDEAL), merge=options.merge, beta=options.beta,

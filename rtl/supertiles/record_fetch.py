@@ -59,13 +59,13 @@ class RecordFetch(wiring.Component):
         chunks_base, colour_base, sh_degree: settings of the frame: where headers and records lie in memory, and whether there
             are harmonics.
         clear: strobe between frames: headers in memory may change from here on. No pair is taken while the tags are cleared,
-            which takes a cycle per set (64 for SUPERTILES). The same happens after a reset.
+            which takes a cycle per set (64 for V3). The same happens after a reset.
         hits, misses: pairs since `clear` whose header was, or was not, in the cache, counted two cycles after the tags' answer;
             always 0 without `config.counters`.
         error: the memory answered a read with an error since `clear`. What depends on it is undefined, but pairs pass on.
         busy: pairs or beats are inside, or tags are being cleared.
 
-    Storage: tags, for SUPERTILES 64 words of 54 bits; header lines, 256 of 26 and 256 of 112 bits; HEADERS_PENDING and
+    Storage: tags, for V3 64 words of 54 bits; header lines, 256 of 26 and 256 of 112 bits; HEADERS_PENDING and
     RECORDS_PENDING pairs; HEADERS_MISSED headers; RECORD_BEATS beats. Throughput: one pair per cycle, or with harmonics one
     every two cycles, as long as memory delivers a beat in every cycle and takes 130 cycles at most, and no more than one header
     in five pairs misses. Latency: LATENCY cycles and that of memory for the record; for a header that missed, one more of

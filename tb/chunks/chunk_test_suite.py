@@ -9,7 +9,7 @@ import numpy as np
 from rtl.chunks.level_bounds import octagon_layout
 from rtl.culling.frame import COUNTER_BITS
 from spec.chunks import TEST_INTERVAL, TESTED_CHUNKS, header_item
-from spec.config import TINY_SUPERTILES, V3, AcceleratorConfig
+from spec.config import TINY_V3, V3_RECORDS, AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from spec.memory import frame_settings
 from tb.chunks.chunk_test_stimuli import KINDS, SETTINGS, Case, case_of, mixed_case, model_case, uniform_case
@@ -18,13 +18,13 @@ from tb.common.emission import emitted
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.playback import Playback, Stream
 
-NARROW = V3.with_(name="v3_narrow", records="wide", row_width=256, support_sigma=None, stereo=True)
+NARROW = V3_RECORDS.with_(name="records_narrow", records="wide", row_width=256, support_sigma=None, stereo=True)
 """A machine with narrower frames and a wider margin."""
 
-VARIANTS: dict[str, AcceleratorConfig] = {"v3": V3, "v3_narrow": NARROW, "tiny_supertiles": TINY_SUPERTILES}
+VARIANTS: dict[str, AcceleratorConfig] = {"v3_records": V3_RECORDS, "records_narrow": NARROW, "tiny_v3": TINY_V3}
 """Configurations that can be tested."""
 
-DISTINCT = ("v3", "v3_narrow", "tiny_supertiles")
+DISTINCT = ("v3_records", "records_narrow", "tiny_v3")
 """Configurations with different units."""
 
 PORTS = ("headers", "tested")

@@ -6,17 +6,17 @@ import numpy as np
 
 from rtl.chunks.geometry_decode import GeometryDecode
 from spec.chunks import CHUNK
-from spec.config import TINY_SUPERTILES, V3, AcceleratorConfig
+from spec.config import TINY_V3, V3_RECORDS, AcceleratorConfig
 from tb.chunks.reader_device import playback
 from tb.chunks.reader_stimuli import BASE, Case, boundary_cases, case
 from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 
 VARIANTS: dict[str, AcceleratorConfig] = {
-    "v3": V3, "wide": V3.with_(name="v3_wide", records="wide"), "tiny_supertiles": TINY_SUPERTILES}
+    "v3_records": V3_RECORDS, "wide": V3_RECORDS.with_(name="v3_wide", records="wide"), "tiny_v3": TINY_V3}
 """Configurations that can be tested: compact records, wide ones in chunks, and those whose indices name chunk and place."""
 
-DISTINCT = ("v3", "wide", "tiny_supertiles")
+DISTINCT = ("v3_records", "wide", "tiny_v3")
 
 PORTS = ("tested", "data", "reads", "points")
 

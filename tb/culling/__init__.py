@@ -8,5 +8,5 @@ projection.
 
 from spec.config import TINY, V3
 
-TINY_V3 = TINY.with_(name="tiny_v3", order=V3.order, chunks=V3.chunks, records=V3.records)
-"""The smallest machine with compact records."""
+TINY_RECORDS = TINY.with_(name="tiny_records", order=V3.order, chunks=V3.chunks, records=V3.records)
+"""The smallest machine with compact records and lists by tile."""

@@ -7,20 +7,21 @@ from pathlib import Path
 import numpy as np
 
 from rtl.culling.colour import splat_interval
-from spec.config import DEFAULT, PAPER, TINY, V3, AcceleratorConfig
+from spec.config import PAPER, PAPER_SMALL, TINY, V3_RECORDS, AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.runner import Waves
 from tb.common.scenes import traced_frames, traced_size
-from tb.culling import TINY_V3
+from tb.culling import TINY_RECORDS
 from tb.culling.colour_device import MOST_DELAY, playback
 from tb.culling.colour_stimuli import Case, extreme_case, fine_case, frame_case, random_case
 
-VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER, "tiny_v3": TINY_V3, "v3": V3}
+VARIANTS: dict[str, AcceleratorConfig] = {
+    "tiny": TINY, "paper_small": PAPER_SMALL, "paper": PAPER, "tiny_records": TINY_RECORDS, "v3_records": V3_RECORDS}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny", "default", "paper", "tiny_v3", "v3")
+DISTINCT = ("tiny", "paper_small", "paper", "tiny_records", "v3_records")
 """Configurations with different units: they take a splat every 32, 16 and 4 cycles, and with compact records every 16 and 2."""
 
 PORTS = ("survivors", "data", "reads", "writes")

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from rtl.culling.frame import COUNTER_BITS
-from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.config import DEFAULT, PAPER, PAPER_SMALL, TINY, AcceleratorConfig
 from spec.memory import frame_settings
 from spec.records import gaussian_point, projected_splat
 from tb.common import exact
@@ -15,7 +15,7 @@ from tb.common.emission import emitted
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.playback import Playback, Stream
 from tb.common.scenes import traced_frames, traced_size
-from tb.culling import TINY_V3
+from tb.culling import TINY_RECORDS
 from tb.culling.projection_stimuli import (
     EDITS,
     REASONS,
@@ -28,12 +28,13 @@ from tb.culling.projection_stimuli import (
     uniform_case,
 )
 
-VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER, "tiny_v3": TINY_V3}
+VARIANTS: dict[str, AcceleratorConfig] = {
+    "tiny": TINY, "paper_small": PAPER_SMALL, "paper": PAPER, "tiny_records": TINY_RECORDS, "default": DEFAULT}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny", "default", "paper", "tiny_v3")
-"""Configurations with different units: they take a point every 8 cycles, every 4 cycles, and every cycle; the last one gets one
-opacity for all levels."""
+DISTINCT = ("tiny", "paper_small", "paper", "tiny_records", "default")
+"""Configurations with different units: they take a point every 8 cycles, every 4 cycles, and every cycle; the last two get one
+opacity for all levels, and the very last has longer indices."""
 
 PORTS = ("sink", "source")
 

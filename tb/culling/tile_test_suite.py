@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.config import PAPER, PAPER_SMALL, TINY, AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import frame_settings
 from spec.records import intersection_item, projected_splat, surviving_splat, tile_level
@@ -15,15 +15,15 @@ from tb.common.emission import emitted
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.playback import Playback, Stream
 from tb.common.scenes import traced_frames, traced_size
-from tb.culling import TINY_V3
+from tb.culling import TINY_RECORDS
 from tb.culling.tile_test_stimuli import Case, case_of, corner_cases, random_case, sharp_case
 
 VARIANTS: dict[str, AcceleratorConfig] = {
-    "tiny": TINY, "default": DEFAULT, "paper": PAPER, "tiny_stereo": TINY.with_(name="tiny_stereo", stereo=True),
-    "tiny_v3": TINY_V3}
+    "tiny": TINY, "paper_small": PAPER_SMALL, "paper": PAPER, "tiny_stereo": TINY.with_(name="tiny_stereo", stereo=True),
+    "tiny_records": TINY_RECORDS}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny", "default", "paper", "tiny_stereo", "tiny_v3")
+DISTINCT = ("tiny", "paper_small", "paper", "tiny_stereo", "tiny_records")
 """Configurations with different units: they test a run of tiles every 8 cycles, every 4 cycles and every cycle; one has tiles
 that are not rendered, and one gets one opacity for all levels."""
 

@@ -7,7 +7,7 @@ from math import isqrt
 
 import numpy as np
 
-from spec.config import DEFAULT, PAPER, SUPERTILES, TINY, TINY_SUPERTILES, AcceleratorConfig
+from spec.config import DEFAULT, PAPER, TINY, TINY_V3, V3, AcceleratorConfig
 from spec.records import COUNT_BITS, frame_lists, intersection_tile, tile_group
 from tb.common import exact
 from tb.common.emission import emitted
@@ -17,10 +17,10 @@ from tb.common.scenes import traced_frames, traced_size
 from tb.sort_tmu.tile_merge_stimuli import Case, case_of, corner_cases, random_case
 
 VARIANTS: dict[str, AcceleratorConfig] = {
-    "tiny": TINY, "default": DEFAULT, "paper": PAPER, "tiny_supertiles": TINY_SUPERTILES, "supertiles": SUPERTILES}
+    "tiny": TINY, "default": DEFAULT, "paper": PAPER, "tiny_v3": TINY_V3, "v3": V3}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny", "paper", "tiny_supertiles")
+DISTINCT = ("tiny", "paper", "tiny_v3")
 """Configurations with the smallest and the largest frames, and with the fewest lists; the others are between."""
 
 PORTS = ("hits", "groups")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from spec.config import SHORT_FORMATS, SUPERTILES, TINY_SUPERTILES, AcceleratorConfig
+from spec.config import SHORT_FORMATS, TINY_V3, V3, AcceleratorConfig
 from tb.common import exact
 from tb.common.exact import Outcome, every_pattern
 from tb.common.patterns import Pattern
@@ -18,12 +18,12 @@ from tb.vrc_array.array_device import background_bits, rows_per_tile
 from tb.vrc_array.array_stimuli import CORNERS, Case, random_case
 
 VARIANTS: dict[str, AcceleratorConfig] = {
-    "tiny_supertiles": TINY_SUPERTILES,
-    "tiny_supertiles-1-level": TINY_SUPERTILES.with_(levels=1),
-    "tiny_supertiles-no-depth": TINY_SUPERTILES.with_(depth=False),
-    "tiny_supertiles-baseline": TINY_SUPERTILES.with_(incremental=False),
-    "supertiles-short": SUPERTILES.with_(levels=1, depth=False, formats=SHORT_FORMATS),
-    "supertiles": SUPERTILES,
+    "tiny_v3": TINY_V3,
+    "tiny_v3-1-level": TINY_V3.with_(levels=1),
+    "tiny_v3-no-depth": TINY_V3.with_(depth=False),
+    "tiny_v3-baseline": TINY_V3.with_(incremental=False),
+    "v3-short": V3.with_(levels=1, depth=False, formats=SHORT_FORMATS),
+    "v3": V3,
 }
 """Configurations that can be tested."""
 

@@ -13,7 +13,7 @@ import numpy as np
 from golden.msv2_ref.batches import FrameBatches
 from golden.msv2_ref.pipeline import Frame
 from rtl.supertiles.batch_buffer import LATENCY
-from spec.config import SUPERTILES, TINY_SUPERTILES, AcceleratorConfig
+from spec.config import TINY_V3, V3, AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from spec.supertiles import SEQUENCE_BITS
 from tb.common import exact
@@ -36,10 +36,10 @@ from tb.supertiles.batch_stimuli import (
 )
 
 VARIANTS: dict[str, AcceleratorConfig] = {
-    "tiny_supertiles": TINY_SUPERTILES, "16-places": TINY_SUPERTILES.with_(batch_places=16), "supertiles": SUPERTILES}
+    "tiny_v3": TINY_V3, "16-places": TINY_V3.with_(batch_places=16), "v3": V3}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny_supertiles", "16-places", "supertiles")
+DISTINCT = ("tiny_v3", "16-places", "v3")
 """Configurations with different units: two words of masks a tile, half a word, and 16 words."""
 
 PORTS = ("supertiles", "places", "visits", "entries")

@@ -11,7 +11,7 @@ from amaranth.hdl import Module, Signal
 
 from golden.msv2_ref.buckets import Bounds, list_numbers, next_bounds, no_bounds
 from rtl.supertiles.depth_buckets import DepthBuckets
-from spec.config import SUPERTILES, TINY_SUPERTILES, AcceleratorConfig
+from spec.config import TINY_V3, V3, AcceleratorConfig
 from spec.records import (
     INDEX_BITS,
     Field,
@@ -32,10 +32,10 @@ from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.playback import Playback
 from tb.tile_lists.stimuli import random_rows
 
-VARIANTS: dict[str, AcceleratorConfig] = {"tiny_supertiles": TINY_SUPERTILES, "supertiles": SUPERTILES}
+VARIANTS: dict[str, AcceleratorConfig] = {"tiny_v3": TINY_V3, "v3": V3}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny_supertiles", "supertiles")
+DISTINCT = ("tiny_v3", "v3")
 """Configurations with different units."""
 
 PORTS = ("frames", "pairs", "groups", "sorted", "counts", "entries", "listed")
@@ -46,7 +46,7 @@ SETTLING = 60
 
 def pairs_between(config: AcceleratorConfig) -> int:
     """Pairs between two bounds in the tests: the small machine has many bounds in frames of few pairs."""
-    return 8 if config.row_width <= TINY_SUPERTILES.row_width else BUCKET_PAIRS
+    return 8 if config.row_width <= TINY_V3.row_width else BUCKET_PAIRS
 
 
 def frame_start(config: AcceleratorConfig) -> Record:

@@ -9,7 +9,7 @@ import numpy as np
 
 from rtl.emit import to_verilog
 from rtl.supertiles.clip import SuperTileClip
-from spec.config import SUPERTILES, TINY_SUPERTILES, AcceleratorConfig
+from spec.config import TINY_V3, V3, AcceleratorConfig
 from spec.constants import SUPER_TILES, SUPER_X, SUPER_Y, TILE
 from spec.records import projected_splat
 from spec.supertiles import supertile
@@ -19,10 +19,10 @@ from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.playback import Playback, Stream
 from tb.culling.colour_stimuli import random_rows
 
-VARIANTS: dict[str, AcceleratorConfig] = {"tiny_supertiles": TINY_SUPERTILES, "supertiles": SUPERTILES}
+VARIANTS: dict[str, AcceleratorConfig] = {"tiny_v3": TINY_V3, "v3": V3}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny_supertiles",)
+DISTINCT = ("tiny_v3",)
 """Configurations with different units."""
 
 PORTS = ("splats", "supertiles", "clipped")

@@ -10,7 +10,7 @@ import numpy as np
 from rtl.culling.colour import splat_interval
 from rtl.emit import to_verilog
 from rtl.supertiles.colour import PairColour
-from spec.config import SUPERTILES, TINY_SUPERTILES, AcceleratorConfig
+from spec.config import TINY_V3, V3, AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from spec.memory import read_data
 from spec.records import surviving_splat
@@ -24,10 +24,10 @@ from tb.common.scenes import traced_frames, traced_size
 from tb.culling.colour_stimuli import Case, fine_case
 from tb.supertiles.colour_stimuli import extreme_case, frame_case, inputs, places, random_case
 
-VARIANTS: dict[str, AcceleratorConfig] = {"tiny_supertiles": TINY_SUPERTILES, "supertiles": SUPERTILES}
+VARIANTS: dict[str, AcceleratorConfig] = {"tiny_v3": TINY_V3, "v3": V3}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny_supertiles", "supertiles")
+DISTINCT = ("tiny_v3", "v3")
 """Configurations with different units: they take a pair every 16 and every 2 cycles."""
 
 PORTS = ("survivors", "data", "places")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spec.config import SUPERTILES, TINY_SUPERTILES, AcceleratorConfig
+from spec.config import TINY_V3, V3, AcceleratorConfig
 from spec.constants import SUPER_TILES
 from spec.memory import FIRST_PAGE_BEATS
 from spec.records import frame_lists
@@ -20,10 +20,10 @@ from tb.supertiles.lists_device import playback
 from tb.supertiles.lists_stimuli import Case, case
 from tb.tile_lists.stimuli import BOUNDARIES, mixed_tiles, random_counts
 
-VARIANTS: dict[str, AcceleratorConfig] = {"tiny_supertiles": TINY_SUPERTILES, "supertiles": SUPERTILES}
+VARIANTS: dict[str, AcceleratorConfig] = {"tiny_v3": TINY_V3, "v3": V3}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny_supertiles", "supertiles")
+DISTINCT = ("tiny_v3", "v3")
 """Configurations with different units."""
 
 PORTS = ("entries", "written", "groups")

@@ -22,7 +22,7 @@ from rtl.sort_tmu.tile_merge import TileMergeUnit
 from rtl.supertiles.depth_buckets import DepthBuckets
 from rtl.supertiles.pair_writer import PairWriter
 from rtl.tile_lists.list_reader import ListReader
-from spec.config import SUPERTILES, TINY_SUPERTILES, AcceleratorConfig
+from spec.config import TINY_V3, V3, AcceleratorConfig
 from spec.constants import SUPER_TILES
 from spec.memory import BEAT_BITS, DIRECTORY_BEATS, read_data, read_request, write_request
 from spec.records import COUNT_BITS, chunk_item, frame_lists, tile_group
@@ -35,10 +35,10 @@ from tb.common.playback import Playback, Stream
 from tb.supertiles.buckets_suite import Case, corner_cases, drawn, frame_start, pairs_between, turned
 from tb.tile_lists.memory import ADDRESS_BITS, MEMORY, add_memory
 
-VARIANTS: dict[str, AcceleratorConfig] = {"tiny_supertiles": TINY_SUPERTILES, "supertiles": SUPERTILES}
+VARIANTS: dict[str, AcceleratorConfig] = {"tiny_v3": TINY_V3, "v3": V3}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny_supertiles",)
+DISTINCT = ("tiny_v3",)
 """Configurations with different units; the large machine's have been tested one by one."""
 
 PORTS = ("frames", "pairs", "sorted")

@@ -10,7 +10,7 @@ import numpy as np
 from amaranth.hdl import Module
 
 from rtl.supertiles.reader import SUPERTILE_BEATS, SuperTileReader
-from spec.config import SUPERTILES, TINY_SUPERTILES, AcceleratorConfig
+from spec.config import TINY_V3, V3, AcceleratorConfig
 from spec.constants import SUPER_TILES, SUPER_X, SUPER_Y, TILE
 from spec.memory import BEAT_BITS, TILE_SETTING_BYTES, WORDS, read_data, read_request, tile_setting
 from spec.packing import pack
@@ -23,10 +23,10 @@ from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.playback import Playback
 from tb.tile_lists.stimuli import random_rows
 
-VARIANTS: dict[str, AcceleratorConfig] = {"tiny_supertiles": TINY_SUPERTILES, "supertiles": SUPERTILES}
+VARIANTS: dict[str, AcceleratorConfig] = {"tiny_v3": TINY_V3, "v3": V3}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny_supertiles", "supertiles")
+DISTINCT = ("tiny_v3", "v3")
 """Configurations with different units."""
 
 PORTS = ("lists", "data", "reads", "supertiles")

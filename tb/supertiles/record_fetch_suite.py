@@ -7,7 +7,7 @@ import numpy as np
 from golden.msv2_ref.fetch import find_misses
 from rtl.supertiles.record_fetch import LATENCY
 from spec.chunks import PLACE_BITS
-from spec.config import SUPERTILES, TINY_SUPERTILES, AcceleratorConfig
+from spec.config import TINY_V3, V3, AcceleratorConfig
 from spec.memory import BEAT_BITS, BEAT_BYTES, colour_beats, read_data, read_request
 from spec.queues import HEADERS_MISSED
 from spec.supertiles import HEADER_WAYS
@@ -29,10 +29,10 @@ from tb.supertiles.record_fetch_stimuli import (
     walking_case,
 )
 
-VARIANTS: dict[str, AcceleratorConfig] = {"tiny_supertiles": TINY_SUPERTILES, "supertiles": SUPERTILES}
+VARIANTS: dict[str, AcceleratorConfig] = {"tiny_v3": TINY_V3, "v3": V3}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny_supertiles", "supertiles")
+DISTINCT = ("tiny_v3", "v3")
 
 PORTS = ("sorted", "data_chunks", "data_colour", "points", "beats", "reads_chunks", "reads_colour")
 

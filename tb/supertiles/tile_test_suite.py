@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spec.config import SUPERTILES, TINY_SUPERTILES, AcceleratorConfig
+from spec.config import TINY_V3, V3, AcceleratorConfig
 from spec.constants import TILE
 from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
@@ -13,10 +13,10 @@ from tb.culling.tile_test_stimuli import Case, case_of, corner_cases, random_cas
 from tb.supertiles.tile_test_device import playback
 from tb.supertiles.tile_test_stimuli import SuperCase, numbered, wide_case
 
-VARIANTS: dict[str, AcceleratorConfig] = {"tiny_supertiles": TINY_SUPERTILES, "supertiles": SUPERTILES}
+VARIANTS: dict[str, AcceleratorConfig] = {"tiny_v3": TINY_V3, "v3": V3}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny_supertiles", "supertiles")
+DISTINCT = ("tiny_v3", "v3")
 """Configurations with different units: they test a run of tiles every 8 cycles and every cycle."""
 
 PORTS = ("splats", "table", "pairs", "survivors")

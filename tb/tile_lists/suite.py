@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.config import PAPER, PAPER_SMALL, TINY, AcceleratorConfig
 from spec.constants import TILE
 from spec.queues import LIST_TILES
 from spec.records import frame_tiles
@@ -14,11 +14,11 @@ from tb.common.scenes import traced_frames, traced_size
 from tb.tile_lists.device import playback
 from tb.tile_lists.stimuli import BOUNDARIES, Case, case, mixed_tiles, random_counts, traced_case
 
-VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
+VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "paper_small": PAPER_SMALL, "paper": PAPER}
 """Configurations that can be tested."""
 
 DISTINCT = ("tiny", "paper")
-"""Configurations with the smallest and the largest frames; DEFAULT's are between."""
+"""Configurations with the smallest and the largest frames; PAPER_SMALL's are between."""
 
 PORTS = ("load", "entries", "written", "groups", "headers", "uses", "levels", "points")
 

@@ -15,11 +15,12 @@ from spec.config import (
     BALANCED,
     DEFAULT,
     PAPER,
+    PAPER_SMALL,
     SHORT_FORMATS,
-    SUPERTILES,
     TINY,
-    TINY_SUPERTILES,
+    TINY_V3,
     V3,
+    V3_RECORDS,
     AcceleratorConfig,
 )
 from spec.host_settings import settings
@@ -37,22 +38,23 @@ from tb.top.planned import SPEEDS, PlannedFrame, failing, planned, problems
 from tb.top.player import play_frames
 from tb.top.stimuli import case, cloud, crowd, small_cases
 
-TINY_V3 = TINY.with_(name="tiny_v3", order="spatial", chunks=True, records="compact")
-"""The small machine with what V3 has besides PAPER."""
+TINY_RECORDS = TINY.with_(name="tiny_records", order="spatial", chunks=True, records="compact")
+"""The small machine with chunks of compact records, and lists by tile."""
 
 VARIANTS: dict[str, AcceleratorConfig] = {
-    "tiny": TINY, "tiny_baseline": TINY.with_(name="tiny_baseline", incremental=False), "default": DEFAULT, "paper": PAPER,
+    "tiny": TINY, "tiny_baseline": TINY.with_(name="tiny_baseline", incremental=False), "default": DEFAULT,
+    "paper": PAPER, "paper_small": PAPER_SMALL,
     "tiny_stereo": TINY.with_(name="tiny_stereo", stereo=True),
     "tiny_stereo_baseline": TINY.with_(name="tiny_stereo_baseline", stereo=True, incremental=False, warp_lanes=4),
     "tiny_short": TINY.with_(name="tiny_short", formats=SHORT_FORMATS, sh_degree=BALANCED.sh_degree),
-    "tiny_v3": TINY_V3, "tiny_chunks": TINY_V3.with_(name="tiny_chunks", records="wide"),
-    "tiny_v3_stereo": TINY_V3.with_(name="tiny_v3_stereo", stereo=True), "v3": V3,
-    "tiny_supertiles": TINY_SUPERTILES, "supertiles": SUPERTILES,
-    "tiny_supertiles_baseline": TINY_SUPERTILES.with_(name="tiny_supertiles_baseline", incremental=False, buckets=False)}
+    "tiny_records": TINY_RECORDS, "tiny_chunks": TINY_RECORDS.with_(name="tiny_chunks", records="wide"),
+    "tiny_records_stereo": TINY_RECORDS.with_(name="tiny_records_stereo", stereo=True), "v3_records": V3_RECORDS,
+    "tiny_v3": TINY_V3, "v3": V3,
+    "tiny_v3_baseline": TINY_V3.with_(name="tiny_v3_baseline", incremental=False, buckets=False)}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny", "tiny_baseline", "tiny_stereo", "tiny_stereo_baseline", "tiny_short", "tiny_v3", "tiny_chunks",
-            "tiny_v3_stereo", "tiny_supertiles", "tiny_supertiles_baseline")
+DISTINCT = ("tiny", "tiny_baseline", "tiny_stereo", "tiny_stereo_baseline", "tiny_short", "tiny_records", "tiny_chunks",
+            "tiny_records_stereo", "tiny_v3", "tiny_v3_baseline")
 """Configurations with different machines: both ways of handing over, the presets' number formats, and chunks. Larger machines
 are simulated with whole frames (`tb.frame`)."""
 

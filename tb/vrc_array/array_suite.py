@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spec.config import DEFAULT, PAPER, SHORT_FORMATS, TINY, AcceleratorConfig
+from spec.config import PAPER, PAPER_SMALL, SHORT_FORMATS, TINY, AcceleratorConfig
 from tb.common import exact
 from tb.common.exact import Outcome, every_pattern
 from tb.common.patterns import Pattern
@@ -25,13 +25,13 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny-no-support": TINY.with_(support_sigma=None),
     "tiny-baseline": TINY.with_(incremental=False),
     "tiny-short": TINY.with_(levels=1, depth=False, formats=SHORT_FORMATS),
-    "default": DEFAULT,
+    "paper_small": PAPER_SMALL,
     "paper": PAPER,
 }
 """Configurations that can be tested."""
 
 DISTINCT = tuple(name for name in VARIANTS if name != "paper")
-"""All configurations but PAPER, which differs from DEFAULT only outside the array."""
+"""All configurations but PAPER, which differs from PAPER_SMALL only outside the array."""
 
 PORTS = ("tiles", "entries", "pixels")
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from golden.msv2_ref.fetch import find_misses
 from rtl.vrc_array.splat_fetch import LATENCY
-from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.config import PAPER, PAPER_SMALL, TINY, AcceleratorConfig
 from spec.memory import BEAT_BITS, BEAT_BYTES, WORDS, read_data, read_request, splat_record
 from spec.packing import pack
 from spec.queues import CACHE_WAYS
@@ -17,12 +17,12 @@ from tb.vrc_array.fetch_device import MOST_DELAY, playback
 from tb.vrc_array.fetch_stimuli import DIRECTED, INDICES, Case, Tile, case_of, random_case, traced_case
 
 VARIANTS: dict[str, AcceleratorConfig] = {
-    "tiny": TINY, "tiny-4-lines": TINY.with_(splat_cache_lines=4), "default": DEFAULT, "paper": PAPER}
+    "tiny": TINY, "tiny-4-lines": TINY.with_(splat_cache_lines=4), "paper_small": PAPER_SMALL, "paper": PAPER}
 """Configurations that can be tested."""
 
 DISTINCT = ("tiny", "tiny-4-lines", "paper")
-"""Configurations with different units: 64, 4 and 2,048 cache lines. DEFAULT's sorted entries are one bit shorter than
-PAPER's."""
+"""Configurations with different units: 64, 4 and 2,048 cache lines. PAPER_SMALL's sorted entries are one bit shorter
+than PAPER's."""
 
 PORTS = ("sorted", "tiles", "data", "entries", "reads")
 

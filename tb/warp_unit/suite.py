@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from golden.msv2_ref.frame_memory import frame_pixels
-from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.config import PAPER, PAPER_SMALL, TINY, AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import BEAT_BITS, WORDS
 from spec.stereo import clear_cycles, reach
@@ -34,7 +34,7 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny": TINY.with_(stereo=True),
     "tiny-16-lanes": TINY.with_(stereo=True, warp_lanes=16, cores_x=2, warp_fill="interior", warp_columns=64),
     "tiny-8-lanes": TINY.with_(stereo=True, warp_lanes=8, cores_x=8, counters=False, warp_veiled=True, warp_columns=512),
-    "default": DEFAULT.with_(stereo=True), "paper": PAPER.with_(stereo=True)}
+    "paper_small": PAPER_SMALL.with_(stereo=True), "paper": PAPER.with_(stereo=True)}
 """Configurations that can be tested."""
 
 DISTINCT = tuple(VARIANTS)

@@ -20,7 +20,7 @@ from golden.msv2_ref.pipeline import Frame, render
 from golden.scenes.embedded.splats import cached_embedded_model
 from golden.scenes.embedded.views import embedded_cameras
 from spec.codes import ErrorCode
-from spec.config import TINY, TINY_SUPERTILES, AcceleratorConfig
+from spec.config import TINY, TINY_V3, AcceleratorConfig
 from spec.errors import InputError
 from spec.host_settings import settings, with_every_register
 from spec.images import IMAGE_MAGIC, IMAGE_VERSION, RECORD_FORMATS, record_format
@@ -286,8 +286,8 @@ def test_counters(library: ctypes.CDLL) -> None:
     counted = Words()
     library.msv2_read_counters(None, ctypes.byref(counted))
     assert list(counted.words[:2]) == [7, 3] and list(counted.words[8 + 8 : 8 + 11]) == [11, 0, 13]
-    supertiles = {register.name: register.offset for register in register_map(TINY_SUPERTILES)}
-    registers.values |= {AT["machine_array"]: identity(TINY_SUPERTILES)["machine_array"], supertiles["header_hits"]: 17,
+    supertiles = {register.name: register.offset for register in register_map(TINY_V3)}
+    registers.values |= {AT["machine_array"]: identity(TINY_V3)["machine_array"], supertiles["header_hits"]: 17,
                          supertiles["header_misses"]: 19}
     library.msv2_read_counters(None, ctypes.byref(counted))
     assert list(counted.words[8 + 8 : 8 + 11]) == [11, 17, 19]

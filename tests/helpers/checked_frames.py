@@ -8,13 +8,15 @@ from golden.msv2_ref.pipeline import Frame, render
 from golden.msv2_ref.projection import OUTSIDE
 from golden.scenes.camera import Camera
 from golden.scenes.model import GaussianModel
-from spec.config import DEFAULT
+from spec.config import PAPER_SMALL
 
-N = DEFAULT.formats
+N = PAPER_SMALL.formats
 
 
 def checked(model: GaussianModel, camera: Camera, **options) -> Frame:
-    """The frame, after the checks that hold for any: finite, bounded, every point accounted for, and repeatable."""
+    """The frame, of PAPER_SMALL if no machine is given, after the checks that hold for any: finite, bounded, every point
+    accounted for, and repeatable."""
+    options = {"config": PAPER_SMALL, **options}
     frame = render(model, camera, **options)
     assert np.isfinite(frame.image).all() and np.isfinite(frame.projected.conic).all()
     assert (frame.image >= 0).all() and ((frame.transmittance >= 0) & (frame.transmittance < 1)).all()

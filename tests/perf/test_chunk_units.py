@@ -13,7 +13,7 @@ from perf import geometry
 from perf.model import MemoryModel, simulate
 from perf.trace import EyeTrace, FrameTrace, load_trace, save_trace, trace_request
 from spec.chunks import CHUNK, TEST_INTERVAL
-from spec.config import PAPER, V3
+from spec.config import PAPER, V3_RECORDS
 from spec.memory import BEAT_BYTES
 
 WIDE = PAPER.with_(name="wide", order="spatial", chunks=True)
@@ -23,7 +23,7 @@ FAST = MemoryModel(bytes_per_cycle=None)
 @pytest.fixture(scope="module")
 def v3() -> FrameTrace:
     args = parse_request(EMBEDDED, "--size", "128x96", "--gaze", "64,48", "--levels", "4", "--levels-from", "random")
-    return trace_request(args, V3)
+    return trace_request(args, V3_RECORDS)
 
 
 def cut(trace: FrameTrace, counts: np.ndarray, read: np.ndarray) -> FrameTrace:
@@ -48,7 +48,7 @@ def beats(counts: np.ndarray, read: np.ndarray) -> int:
     return int((last[read] // 2 - (last - counts + 1)[read] // 2 + 1).sum())
 
 
-@pytest.mark.parametrize("config", (WIDE, V3))
+@pytest.mark.parametrize("config", (WIDE, V3_RECORDS))
 @pytest.mark.parametrize("memory", (MemoryModel(), MemoryModel("lpddr3")))
 def test_the_beats_are_those_of_the_headers_and_of_the_chunks_that_are_read(v3, config, memory):
     random = np.random.default_rng(3)
@@ -62,24 +62,24 @@ def test_the_beats_are_those_of_the_headers_and_of_the_chunks_that_are_read(v3, 
 
 def test_a_chunk_is_tested_in_every_interval_and_a_point_enters_in_every_cycle(v3):
     counts = np.full(400, CHUNK)
-    none = simulate(cut(v3, counts, np.zeros(400, bool)), V3, memory=FAST).phases["geometry"]
+    none = simulate(cut(v3, counts, np.zeros(400, bool)), V3_RECORDS, memory=FAST).phases["geometry"]
     assert TEST_INTERVAL * 400 <= none <= TEST_INTERVAL * 400 + 400
-    every = simulate(cut(v3, counts, np.ones(400, bool)), V3, memory=FAST).phases["geometry"]
+    every = simulate(cut(v3, counts, np.ones(400, bool)), V3_RECORDS, memory=FAST).phases["geometry"]
     assert 400 * CHUNK <= every <= 1.01 * 400 * CHUNK + 400
-    eighth = simulate(cut(v3, counts, np.arange(400) % 8 == 0), V3, memory=FAST).phases["geometry"]
+    eighth = simulate(cut(v3, counts, np.arange(400) % 8 == 0), V3_RECORDS, memory=FAST).phases["geometry"]
     assert max(400 * TEST_INTERVAL, 400 * CHUNK / 8) <= eighth <= 1.1 * 400 * TEST_INTERVAL + 400
 
 
 def test_chunks_that_wait_hide_a_run_of_skipped_ones(v3):
     """Eight tested chunks take as long to read as 64 to test, so memory has no pause where survivors cluster."""
     read = np.tile(np.arange(72) < 8, 40)
-    cycles = simulate(cut(v3, np.full(len(read), CHUNK), read), V3, memory=FAST).phases["geometry"]
+    cycles = simulate(cut(v3, np.full(len(read), CHUNK), read), V3_RECORDS, memory=FAST).phases["geometry"]
     assert cycles <= 1.15 * max(len(read) * TEST_INTERVAL, read.sum() * CHUNK) + 400
 
 
 def test_a_model_of_nothing_and_one_whose_chunks_are_all_skipped_end(v3):
     for counts in (np.zeros(0, np.int64), np.full(1, 1)):
-        frame = simulate(cut(v3, counts, np.zeros(len(counts), bool)), V3)
+        frame = simulate(cut(v3, counts, np.zeros(len(counts), bool)), V3_RECORDS)
         assert frame.reads["geometry"] == 0
         assert frame.phases["geometry"] < 1000
 
@@ -92,18 +92,18 @@ def test_real_frames_read_the_chunks_that_the_golden_renderer_reads(v3, tmp_path
     np.testing.assert_array_equal(np.repeat(eye.chunk_read, counts), ~unread)
     assert not unread[eye.survivor].any()
     assert v3.points_read == (~unread).sum()
-    frame = simulate(v3, V3)
+    frame = simulate(v3, V3_RECORDS)
     assert frame.reads["geometry"] == BEAT_BYTES * beats(counts, eye.chunk_read)
     assert frame.reads["colour"] == BEAT_BYTES * 2 * len(eye.survivor)
     save_trace(v3, tmp_path / "trace.npz")
     again = load_trace(tmp_path / "trace.npz")
     assert again is not None and again.chunked
-    assert simulate(again, V3).total == frame.total
+    assert simulate(again, V3_RECORDS).total == frame.total
 
 
 def test_a_trace_and_a_machine_must_agree_on_chunks(v3):
     with pytest.raises(ValueError, match="config must be a machine with chunks, like the trace, not 'paper'"):
         simulate(v3, PAPER)
     plain = replace(v3, chunked=False)
-    with pytest.raises(ValueError, match="config must be a machine without chunks, like the trace, not 'v3'"):
-        simulate(plain, V3)
+    with pytest.raises(ValueError, match="config must be a machine without chunks, like the trace, not 'v3_records'"):
+        simulate(plain, V3_RECORDS)

@@ -16,13 +16,13 @@ from rtl.warp_unit.disparity import disparity_latency
 from rtl.warp_unit.fill import FILL_LATENCY
 from rtl.warp_unit.pack import queue_groups
 from rtl.warp_unit.queue import queue_rows, ring_tiles
-from spec.config import CONFIGS, PAPER, PRESETS, TINY, V3
+from spec.config import CONFIGS, PAPER, PRESETS, TINY, V3, V3_RECORDS
 from spec.stereo import disparity
 
 UNITS = (1, 2, 4, 8)
 MACHINES = [*(PAPER.with_(name=f"units_{units}", culling_units=units) for units in UNITS), *PRESETS.values(),
             PAPER.with_(name="degree_1", culling_units=4, sh_degree=1), TINY.with_(name="degree_2", sh_degree=2),
-            *(V3.with_(name=f"v3_{units}_{degree}", culling_units=units, sh_degree=degree)
+            *(V3_RECORDS.with_(name=f"records_{units}_{degree}", culling_units=units, sh_degree=degree)
               for units, degree in ((8, 3), (8, 2), (8, 1), (2, 3), (1, 0)))]
 
 
@@ -52,14 +52,14 @@ def test_colour_records_are_read_in_the_rtls_steps(units, degree):
 @pytest.mark.parametrize("units", UNITS)
 @pytest.mark.parametrize("degree", range(4))
 def test_compact_colour_records_take_the_rtls_steps(units, degree):
-    config = V3.with_(culling_units=units, sh_degree=degree)
+    config = V3_RECORDS.with_(culling_units=units, sh_degree=degree)
     unit = ColourUnit(config, sh_degree=degree)._sum
     for used in range(degree + 1):
         assert len(constants.colour_steps(config, used)) == unit._steps
 
 
-@pytest.mark.parametrize("config", (V3, V3.with_(name="wide", records="wide"), V3.with_(name="v3_1", culling_units=1)),
-                         ids=lambda config: config.name)
+@pytest.mark.parametrize("config", (V3, V3_RECORDS, V3_RECORDS.with_(name="wide", records="wide"),
+                                    V3_RECORDS.with_(name="records_1", culling_units=1)), ids=lambda config: config.name)
 def test_the_units_of_chunks_have_the_rtls_latencies(config):
     schedule, timing = ChunkTest(config).datapath.schedule, constants.culling(config).chunk_test
     assert (schedule.length, schedule.interval, schedule.depth) == (timing.length, timing.interval, timing.rows)

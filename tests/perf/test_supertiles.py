@@ -16,7 +16,7 @@ from perf.model import MemoryModel
 from perf.supertiles import SuperCycles, simulate_supertiles
 from perf.supertiles_plan import BEGINS, FILLS, lists_plan, steady_bounds, visit_plan
 from perf.supertiles_trace import SuperTrace, load_trace, save_trace, super_trace
-from spec.config import SUPERTILES, TINY_SUPERTILES, V3
+from spec.config import TINY_V3, V3, V3_RECORDS
 from spec.memory import BEAT_BYTES, BEAT_ENTRIES, DIRECTORY_BEATS, WORDS, pages_beyond_first
 from spec.supertiles import BUCKET_PAIRS
 
@@ -31,7 +31,7 @@ BUSY = {
 """Of the same frame, the items at each stage's input."""
 
 
-def frame_of(*argv: str, config=SUPERTILES) -> pipeline.Frame:
+def frame_of(*argv: str, config=V3) -> pipeline.Frame:
     asked = resolve(parse_request(*argv))
     return pipeline.render(
         asked.model, asked.camera, config=config, foveation=asked.foveation, background=asked.background)
@@ -49,14 +49,14 @@ def trace(foveated) -> SuperTrace:
 
 @pytest.fixture(scope="module")
 def cycles(trace) -> SuperCycles:
-    return simulate_supertiles(trace, SUPERTILES, memory=MemoryModel("ideal"), display=True)
+    return simulate_supertiles(trace, V3, memory=MemoryModel("ideal"), display=True)
 
 
 def test_cycles_are_the_rtls_within_a_percent():
     """A frame of whole beats: a frame after a reset, which has no bounds."""
     trace = super_trace(frame_of(*SMALL))
     found = simulate_supertiles(
-        trace, SUPERTILES, memory=MemoryModel("ideal"), display=False, bounds=no_bounds(trace.supertiles))
+        trace, V3, memory=MemoryModel("ideal"), display=False, bounds=no_bounds(trace.supertiles))
     for name, wanted in RTL.items():
         assert found.phases[name] == pytest.approx(wanted, rel=0.01), name
     assert {name: stage.busy for name, stage in found.stages.items()} == BUSY
@@ -76,7 +76,7 @@ def test_the_trace_has_the_pairs_of_the_golden_frame(foveated, trace):
 
 
 def test_visits_are_those_of_the_golden_frame(foveated, trace):
-    golden, found = FrameBatches(foveated), visit_plan(trace, SUPERTILES)
+    golden, found = FrameBatches(foveated), visit_plan(trace, V3)
     np.testing.assert_array_equal(found.batch_supertile, golden.batches.supertile)
     np.testing.assert_array_equal(found.visit_tile, golden.visits.tile)
     np.testing.assert_array_equal(found.visit_final, golden.visits.final)
@@ -109,14 +109,14 @@ def test_pairs_are_written_in_whole_beats_where_the_golden_lists_have_them(trace
 
 def test_buckets_keep_the_order_and_the_pairs_of_a_super_tile(trace):
     trace = replace(trace, start=np.where(np.arange(trace.supertiles + 1) > 1, trace.pairs, 0), key=np.sort(trace.key))
-    bounds = steady_bounds(trace, SUPERTILES)
+    bounds = steady_bounds(trace, V3)
     assert bounds.lists == trace.supertiles + (trace.pairs - 1) // BUCKET_PAIRS
     found = lists_plan(trace, bounds)
     assert (np.diff(found.number) >= 0).all()
-    assert found.overflow(SUPERTILES.sort_chunk) == 0
-    assert lists_plan(trace, no_bounds(trace.supertiles)).overflow(SUPERTILES.sort_chunk) == trace.pairs
-    many = simulate_supertiles(trace, SUPERTILES, memory=MemoryModel("ideal"))
-    none = simulate_supertiles(trace, SUPERTILES, memory=MemoryModel("ideal"), bounds=no_bounds(trace.supertiles))
+    assert found.overflow(V3.sort_chunk) == 0
+    assert lists_plan(trace, no_bounds(trace.supertiles)).overflow(V3.sort_chunk) == trace.pairs
+    many = simulate_supertiles(trace, V3, memory=MemoryModel("ideal"))
+    none = simulate_supertiles(trace, V3, memory=MemoryModel("ideal"), bounds=no_bounds(trace.supertiles))
     assert many.spilled_entries == 0 and many.overflow_share == 0
     assert none.spilled_entries >= trace.pairs and none.overflow_share == 1
     assert none.reads["spill"] == none.writes["spill"] >= BEAT_BYTES * trace.pairs // BEAT_ENTRIES
@@ -136,18 +136,18 @@ def test_counters_add_up(trace, cycles):
 
 
 def test_memory_limits_frames_and_lpddr3_is_the_memory_where_none_is_named(trace, cycles):
-    unlimited = simulate_supertiles(trace, SUPERTILES, memory=MemoryModel("ideal", bytes_per_cycle=None), display=True)
-    slow = simulate_supertiles(trace, SUPERTILES, memory=MemoryModel("ideal", bytes_per_cycle=6.4), display=True)
+    unlimited = simulate_supertiles(trace, V3, memory=MemoryModel("ideal", bytes_per_cycle=None), display=True)
+    slow = simulate_supertiles(trace, V3, memory=MemoryModel("ideal", bytes_per_cycle=6.4), display=True)
     assert unlimited.total <= cycles.total < slow.total
-    lpddr3 = simulate_supertiles(trace, SUPERTILES, display=True)
+    lpddr3 = simulate_supertiles(trace, V3, display=True)
     assert lpddr3.activates > 0 and lpddr3.total > cycles.total
     assert (lpddr3.reads, lpddr3.writes) == (cycles.reads, cycles.writes)
 
 
 def test_a_smaller_machine_and_double_buffers_take_longer(trace, cycles):
-    whole = simulate_supertiles(trace, SUPERTILES, memory=MemoryModel("ideal"), display=True, pipeline=False)
+    whole = simulate_supertiles(trace, V3, memory=MemoryModel("ideal"), display=True, pipeline=False)
     assert whole.total > cycles.total
-    small = simulate_supertiles(trace, TINY_SUPERTILES, memory=MemoryModel("ideal"), display=True)
+    small = simulate_supertiles(trace, TINY_V3, memory=MemoryModel("ideal"), display=True)
     assert small.ops > 16 * trace.entries and small.total > small.ops
 
 
@@ -164,9 +164,9 @@ def test_traces_are_kept_as_they_are(trace, tmp_path):
 
 
 def test_frames_without_super_tiles_and_machines_of_lower_degrees_are_refused(trace):
-    with pytest.raises(ValueError, match="super-tiles, not 'v3'"):
-        super_trace(frame_of("embedded", "--size", "64x64", config=V3))
+    with pytest.raises(ValueError, match="super-tiles, not 'v3_records'"):
+        super_trace(frame_of("embedded", "--size", "64x64", config=V3_RECORDS))
     with pytest.raises(ValueError, match="lists must be 'supertile'"):
-        simulate_supertiles(trace, V3)
+        simulate_supertiles(trace, V3_RECORDS)
     with pytest.raises(ValueError, match="SH degree 3"):
-        simulate_supertiles(trace, SUPERTILES.with_(sh_degree=2))
+        simulate_supertiles(trace, V3.with_(sh_degree=2))

@@ -11,14 +11,16 @@ from spec.config import (
     CONFIGS,
     DEFAULT,
     FAST,
+    MACHINES,
     PAPER,
+    PAPER_SMALL,
     PRECISE,
     PRESETS,
     SHORT_FORMATS,
-    SUPERTILES,
     TINY,
-    TINY_SUPERTILES,
+    TINY_V3,
     V3,
+    V3_RECORDS,
     AcceleratorConfig,
     NumberFormats,
 )
@@ -89,15 +91,15 @@ def test_other_parameters_are_checked(name, bad, error):
 
 
 def test_stereo_needs_depth():
-    assert DEFAULT.with_(stereo=True).stereo
+    assert PAPER_SMALL.with_(stereo=True).stereo
     with pytest.raises(ValueError, match=r"^depth must be True in a machine with stereo, not False$"):
-        DEFAULT.with_(stereo=True, depth=False)
+        PAPER_SMALL.with_(stereo=True, depth=False)
 
 
 def test_chunks_need_an_order_and_compact_records_need_chunks():
     assert PAPER.with_(order="spatial").order == "spatial"
     wide = PAPER.with_(order="spatial", chunks=True)
-    assert (wide.chunks, wide.compact, V3.compact) == (True, False, True)
+    assert (wide.chunks, wide.compact, V3_RECORDS.compact) == (True, False, True)
     with pytest.raises(ValueError, match=r"^order must be 'spatial' in a machine with chunks, not 'file'$"):
         PAPER.with_(chunks=True)
     with pytest.raises(ValueError, match=r"^chunks must be True in a machine with compact records, not False$"):
@@ -105,13 +107,13 @@ def test_chunks_need_an_order_and_compact_records_need_chunks():
 
 
 def test_lists_by_super_tile_need_compact_records_and_one_eye():
-    assert not V3.supertiles and V3.with_(lists="supertile").supertiles
-    assert SUPERTILES == V3.with_(name="supertiles", lists="supertile")
-    assert TINY_SUPERTILES.supertiles and TINY_SUPERTILES.blocks == TINY.blocks
+    assert V3.supertiles and not V3_RECORDS.supertiles and V3_RECORDS.with_(lists="supertile").supertiles
+    assert V3_RECORDS == V3.with_(name="v3_records", lists="tile")
+    assert TINY_V3.supertiles and TINY_V3.blocks == TINY.blocks
     with pytest.raises(ValueError, match=r"^records must be 'compact' in a machine with lists by super-tile, not 'wide'$"):
-        V3.with_(lists="supertile", records="wide")
+        V3.with_(records="wide")
     with pytest.raises(ValueError, match=r"^stereo must be False in a machine with lists by super-tile: `paper` renders two"):
-        V3.with_(lists="supertile", stereo=True)
+        V3.with_(stereo=True)
 
 
 def test_every_parameter_is_covered_here():
@@ -135,12 +137,19 @@ def test_support_may_be_absent_or_real():
 
 
 def test_the_configurations():
-    """PAPER has the source's resources: 16x16 cores, 8 culling units, 64 KB of sorting buffer, 1 KB line buffers, 1920 pixels;
-    DEFAULT its array; TINY passes over a tile in 16 blocks."""
-    assert CONFIGS == {"tiny": TINY, "default": DEFAULT, "paper": PAPER, "v3": V3, "precise": PRECISE, "balanced": BALANCED,
-                       "fast": FAST}
-    assert V3 == PAPER.with_(name="v3", order="spatial", chunks=True, records="compact")
-    assert all((c.order, c.chunks, c.records) == ("file", False, "wide") for c in CONFIGS.values() if c is not V3)
+    """PAPER has the source's resources: 16x16 cores, 8 culling units, 64 KB of sorting buffer, 1 KB line buffers, 1920 pixels.
+    V3 has them too, and lists by super-tile, as have DEFAULT, with fewer units, and the presets. PAPER_SMALL is PAPER with
+    DEFAULT's units. TINY passes over a tile in 16 blocks."""
+    presets = {"precise": PRECISE, "balanced": BALANCED, "fast": FAST}
+    assert CONFIGS == {"tiny": TINY, "default": DEFAULT, "paper": PAPER, "v3": V3, **presets}
+    assert V3 == PAPER.with_(name="v3", order="spatial", chunks=True, records="compact", lists="supertile")
+    ours = (DEFAULT, V3, TINY_V3, *presets.values())
+    assert {c.name for c in MACHINES.values() if c.supertiles} == {c.name for c in ours}
+    assert all((c.order, c.chunks, c.records) == ("spatial", True, "compact") for c in (*ours, V3_RECORDS))
+    assert all((c.order, c.chunks, c.records, c.lists) == ("file", False, "wide", "tile")
+               for c in MACHINES.values() if c not in (*ours, V3_RECORDS))
+    assert PAPER_SMALL == PAPER.with_(name="paper_small", culling_units=DEFAULT.culling_units, row_width=DEFAULT.row_width,
+                                      warp_lanes=2, warp_columns=256)
     assert (PAPER.cores_x, PAPER.cores_y, PAPER.blocks, PAPER.banks) == (16, 16, 1, 2)
     assert (PAPER.culling_units, PAPER.row_width) == (8, 1920)
     assert (PAPER.line_buffer_bytes, PAPER.sort_buffer_bytes) == (1024, 64 * 1024)
@@ -174,14 +183,14 @@ def test_work_is_at_most_twice_as_long_as_an_extent():
         DEFAULT.with_(formats=replace(n, work=replace(n.work, sig_bits=19)))
 
 
-def test_presets_are_the_papers_machine_with_fewer_bits_and_harmonics():
+def test_presets_are_v3_with_fewer_bits_and_harmonics():
     assert list(PRESETS) == ["precise", "balanced", "fast"]
     degrees = [config.sh_degree for config in PRESETS.values()]
-    assert degrees == sorted(degrees, reverse=True) and degrees[0] == PAPER.sh_degree
+    assert degrees == sorted(degrees, reverse=True) and degrees[0] == V3.sh_degree
     for name, config in PRESETS.items():
-        assert config.with_(name="paper", formats=PAPER.formats, sh_degree=3) == PAPER and config.name == name
-        widths = [(getattr(config.formats, f.name), getattr(PAPER.formats, f.name)) for f in fields(NumberFormats)]
-        assert all(a <= b if isinstance(a, int) else a.width <= b.width for a, b in widths) and config.formats != PAPER.formats
+        assert config.with_(name="v3", formats=V3.formats, sh_degree=3) == V3 and config.name == name
+        widths = [(getattr(config.formats, f.name), getattr(V3.formats, f.name)) for f in fields(NumberFormats)]
+        assert all(a <= b if isinstance(a, int) else a.width <= b.width for a, b in widths) and config.formats != V3.formats
 
 
 @pytest.mark.parametrize("n", [NumberFormats(), SHORT_FORMATS], ids=["default", "short"])

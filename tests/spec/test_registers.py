@@ -13,7 +13,7 @@ from msv2.document import registers as document_registers
 from msv2.document.__main__ import check
 from spec import host_settings, registers
 from spec.codes import ErrorCode, Phase
-from spec.config import CONFIGS, DEFAULT, PAPER, SUPERTILES, TINY, TINY_SUPERTILES, V3
+from spec.config import CONFIGS, DEFAULT, MACHINES, PAPER, TINY, TINY_V3, V3, V3_RECORDS
 from spec.errors import InputError
 from spec.formats import SQ
 from spec.memory import frame_settings
@@ -24,7 +24,7 @@ from spec.saturations import SATURATIONS
 STEREO = PAPER.with_(name="stereo", stereo=True)
 EVERY = host_settings.with_every_register(PAPER)[0].with_(name="every")
 MAPS = {config.name: registers.register_map(config)
-        for config in (*CONFIGS.values(), STEREO, SUPERTILES, TINY_SUPERTILES, EVERY)}
+        for config in (*MACHINES.values(), STEREO, EVERY)}
 
 
 @pytest.mark.parametrize("path", document_registers.PAGES, ids=lambda path: path.name)
@@ -55,55 +55,59 @@ def test_addresses_and_bits_do_not_overlap(config):
 def test_every_number_of_the_settings_has_a_register_in_order(config):
     found = [r for r in MAPS[config.name] if r.format]
     wanted = [f for f in frame_settings(config).fields for _ in range(f.count)]
-    assert [r.format for r in found] == [f.format for f in wanted] and len(found) == (55 if config.chunks else 51)
-    assert [r.offset for r in found] == [SETTINGS_BASE + 4 * n for n in range(len(found))]
-    assert found[3].name == "rotation_0" and found[50].name == "frame_base"
+    assert [r.format for r in found] == [f.format for f in wanted] and len(found) == 51 + 4 * config.chunks - config.supertiles
+    places = [n for n, r in enumerate(r for r in MAPS["every"] if r.format) if r.name in {own.name for own in found}]
+    last = [len([r for r in MAPS["every"] if r.format])] * config.supertiles  # the address that other machines lack
+    assert [r.offset for r in found] == [SETTINGS_BASE + 4 * n for n in (*places, *last)]
+    assert config.supertiles or places == list(range(len(found)))
+    assert found[3].name == "rotation_0" and found[50 - 2 * config.supertiles].name == "frame_base"
     assert all(r.access is Access.READ_WRITE for r in found)
 
 
 def test_a_register_has_one_address_in_all_machines():
     """Where a machine has no chunks, no stereo or no splat records in memory, the addresses of their registers are empty."""
-    every = {r.name: r.offset for name in ("every", "supertiles") for r in MAPS[name]}
+    every = {r.name: r.offset for name in ("every", "v3") for r in MAPS[name]}
     assert len(set(every.values())) == len(every)
     for everything in MAPS.values():
         assert {r.name: r.offset for r in everything}.items() <= every.items()
-    assert set(every) == {r.name for name in ("v3", "stereo", "supertiles") for r in MAPS[name]}
-    added = {name: {r.name for r in MAPS[name]} - {r.name for r in MAPS["paper"]} for name in ("v3", "stereo")}
-    assert added["v3"] == {"chunks", "chunks_base", "reach_0", "reach_1", "read_beats_chunks", "chunks_read", "chunks_skipped"}
+    assert set(every) == {r.name for name in ("v3_records", "stereo", "v3") for r in MAPS[name]}
+    added = {name: {r.name for r in MAPS[name]} - {r.name for r in MAPS["paper"]} for name in ("v3_records", "stereo")}
+    assert added["v3_records"] == {
+        "chunks", "chunks_base", "reach_0", "reach_1", "read_beats_chunks", "chunks_read", "chunks_skipped"}
     assert every["chunks"] == every["frame_base"] + 4 and every["stereo"] == every["reach_1"] + 4
     assert every["read_beats_chunks"] == every["pixels"] + 4 and every["cycles_target_low"] == every["chunks_skipped"] + 4
-    assert registers.read_clients(EVERY) == (*registers.READ_CLIENTS, "chunks") == registers.read_clients(CONFIGS["v3"])
+    assert registers.read_clients(EVERY) == (*registers.READ_CLIENTS, "chunks") == registers.read_clients(V3_RECORDS)
     assert registers.read_clients(STEREO) == registers.READ_CLIENTS
 
 
 def test_what_machines_with_super_tiles_have_besides_and_what_they_lack():
-    v3, own = ({r.name: r.offset for r in MAPS[name]} for name in ("v3", "supertiles"))
-    assert set(v3) - set(own) == {
+    tiles, own = ({r.name: r.offset for r in MAPS[name]} for name in ("v3_records", "v3"))
+    assert set(tiles) - set(own) == {
         "view_shift", "views_base", "read_beats_views", "write_beats_views", "fetch_hits", "fetch_misses"}
-    added = {name for name in own if name not in v3}
+    added = {name for name in own if name not in tiles}
     assert added == {"supertiles_base", "batch_busy", "batch_starved", "batch_blocked", *registers.SUPERTILE_EVENTS}
     stereo = {r.offset for r in MAPS["every"]}
     assert not stereo & {own[name] for name in added} and own["supertiles_base"] > max(
         r.offset for r in MAPS["every"] if r.format)
-    assert registers.read_clients(SUPERTILES) == ("geometry", "tiles", "colour", "entries", "spill", "chunks")
-    assert registers.write_clients(SUPERTILES) == ("entries", "spill", "frame")
-    assert registers.stages(SUPERTILES) == registers.SUPERTILE_STAGES == (
+    assert registers.read_clients(V3) == ("geometry", "tiles", "colour", "entries", "spill", "chunks")
+    assert registers.write_clients(V3) == ("entries", "spill", "frame")
+    assert registers.stages(V3) == registers.SUPERTILE_STAGES == (
         "geometry", "projection", "tile_test", "entry_write", "list_read", "sort", "handover", "fetch", "colour", "batch",
         "array", "pixel_write")
-    assert [c.name for c in registers.counters(SUPERTILES)] == [
+    assert [c.name for c in registers.counters(V3)] == [
         name.removesuffix("_low") for name, offset in own.items() if offset >= COUNTERS_BASE and not name.endswith("_high")]
-    assert not {"fetch_hits", "fetch_misses"} & registers.events(SUPERTILES).keys()
-    assert [limit.setting for limit in host_settings.limits(SUPERTILES)] == ["near", "depth_scale", "width", "height"]
+    assert not {"fetch_hits", "fetch_misses"} & registers.events(V3).keys()
+    assert [limit.setting for limit in host_settings.limits(V3)] == ["near", "depth_scale", "width", "height"]
 
 
 def test_identity_of_machines_with_super_tiles():
-    parts = {r.name: r.bits for r in MAPS["tiny_supertiles"]}
+    parts = {r.name: r.bits for r in MAPS["tiny_v3"]}
 
     def value(config, name, bits):
         found = next(b for b in parts[name] if b.name == bits)
         return (registers.identity(config)[name] & found.mask) >> found.low
 
-    for config in (SUPERTILES, TINY_SUPERTILES, TINY_SUPERTILES.with_(buckets=False), V3, PAPER):
+    for config in (V3, TINY_V3, TINY_V3.with_(buckets=False), V3_RECORDS, PAPER):
         own = config.supertiles
         assert value(config, "machine_array", "supertiles") == own
         assert value(config, "machine_frame", "row_width") == config.row_width
@@ -165,8 +169,8 @@ def test_identity_tells_machines_apart():
         assert set(values) == {r.name for r in MAPS[config.name] if r.offset < registers.CONTROL_BASE}
         assert all(0 <= value < 1 << 32 for value in values.values())
     assert registers.identity(TINY)["machine_array"] == 4 | 4 << 8 | 4 << 16 | 7 << 20 | 3 << 24 | 1 << 26
-    v3, wide = registers.identity(CONFIGS["v3"]), registers.identity(PAPER.with_(order="spatial", chunks=True))
-    assert (v3["machine_array"], wide["machine_array"]) == tuple(
+    compact, wide = registers.identity(V3_RECORDS), registers.identity(PAPER.with_(order="spatial", chunks=True))
+    assert (compact["machine_array"], wide["machine_array"]) == tuple(
         registers.identity(PAPER)["machine_array"] | flags << 27 for flags in (3, 1))
     prints = {registers.fingerprint(c) for c in (TINY, DEFAULT, PAPER, PAPER.with_(depth=False))}
     assert len(prints) == 4 and registers.fingerprint(PAPER.with_(name="same")) == registers.fingerprint(PAPER)
@@ -174,14 +178,14 @@ def test_identity_tells_machines_apart():
 
 def test_the_page_shows_everything():
     page = document_registers.page()
-    for r in {r.offset: r for name in ("supertiles", "every") for r in MAPS[name]}.values():
+    for r in {r.offset: r for name in ("v3", "every") for r in MAPS[name]}.values():
         assert re.search(rf"^\| 0x{r.offset:03X} \|.* `{r.name}` \|", page, re.MULTILINE), r.name
         assert all(f"`.{bits.name}`" in page for bits in r.bits if not r.format)
-        having = {name for name in ("paper", "v3", "stereo", "supertiles") if r.name in {other.name for other in MAPS[name]}}
+        having = {name for name in ("paper", "v3_records", "stereo", "v3") if r.name in {other.name for other in MAPS[name]}}
         line, = (line for line in page.splitlines() if line.startswith(f"| 0x{r.offset:03X} |"))
-        told = {"only with chunks": {"v3", "supertiles"}, "only with stereo": {"stereo"},
-                "only with super-tiles": {"supertiles"},
-                "not with super-tiles": {"paper", "v3", "stereo"}}
+        told = {"only with chunks": {"v3_records", "v3"}, "only with stereo": {"stereo"},
+                "only with super-tiles": {"v3"},
+                "not with super-tiles": {"paper", "v3_records", "stereo"}}
         assert {words for words in told if words in line} == {words for words, names in told.items() if names == having}, r.name
     for value in (*Phase, *ErrorCode):
         assert f"| {int(value)} | `{value.name}` |" in page
@@ -191,7 +195,7 @@ def test_the_header_shows_everything():
     header = document_registers.header()
     macros = re.findall(r"^#define (\w+) (\S+)$", header, re.MULTILINE)
     assert len(dict(macros)) == len(macros)
-    for r in (*MAPS["every"], *MAPS["supertiles"]):
+    for r in (*MAPS["every"], *MAPS["v3"]):
         assert dict(macros)[f"MSV2_{r.name.upper()}"] == f"0x{r.offset:03X}u"
     assert dict(macros)["MSV2_CONTROL_ENABLE_ERROR_MASK"] == "0x00000200u"
     assert (Phase.width(), ErrorCode.width()) == (3, 4)

@@ -33,7 +33,7 @@ from rtl.culling.schedule import Cost, cost, schedule
 from rtl.culling.views import RecordWriter
 from spec import harmonics
 from spec.command_line import command_parser
-from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.config import PAPER, PAPER_SMALL, TINY, AcceleratorConfig
 from spec.formats import SQ
 from spec.harmonics import basis_beyond_dc, terms
 from spec.memory import colour_beats
@@ -48,7 +48,7 @@ FRACTIONS = (12, 13, 14, 15, 16)
 
 SPLATS, COEFFICIENT_RMS, SEED = 60_000, 0.2, 0
 SH_DEGREE = 3
-MACHINES = (PAPER, DEFAULT, TINY)
+MACHINES = (PAPER, PAPER_SMALL, TINY)
 
 
 def lanes(config: AcceleratorConfig) -> int:

@@ -31,8 +31,8 @@ from msv2.studies.picture import find_pyplot, save_figure
 from msv2.studies.record import liberties, write_report
 from msv2.studies.rtl_frame import simulate
 from spec.command_line import choice, command_parser
-from spec.config import CONFIGS
-from spec.effects import EFFECTS, GIVEN
+from spec.config import MACHINES, PAPER_SMALL
+from spec.effects import EFFECTS, GIVEN, with_two_eyes
 from spec.errors import InputError
 from spec.extras import how_to_get
 from spec.overrides import add_config_arguments, config_from, config_options
@@ -50,6 +50,9 @@ SINGLE = {"sh": ("sh",), "levels": ("levels",), "blend": ("levels", "blend"), "d
 """The effects that have arithmetic of their own in both renderers, each with the effects that are forced to measure it."""
 
 CENTRE = "centre"
+
+MACHINE = PAPER_SMALL.name
+"""The machine of the RTL's frames if no other one is asked for: one that has every effect."""
 
 RATIOS = ("cycles_ratio", "energy_ratio", "simulation_ratio", "area_ratio")
 """Ratios of the RTL and of its area: all effects but a second eye, divided by the effects that the frame calls for."""
@@ -89,7 +92,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
                         help="scenes, each with an optional gaze; a gaze gives a model without levels nested random subsets")
     parser.add_argument("--size", default="640x360", metavar="WxH", help="size of the golden frames (default: 640x360)")
     parser.add_argument("--rtl", metavar="WxH", help="also simulate the RTL, at this size")
-    add_config_arguments(parser, "default")
+    add_config_arguments(parser, MACHINE)
     parser.add_argument("--area", action="store_true",
                         help="also synthesise; needs the extra `synth` and liberty files in MSV2_PDK")
     parser.add_argument("--area-config", default="paper", metavar="CONFIG",
@@ -99,8 +102,8 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--out", default=ROOT / "build" / "effects", metavar="DIR",
                         help="output folder (default: build/effects)")
     args = parser.parse_args(argv)
-    config_from(args, "default")  # raises for a wrong configuration before anything is rendered
-    choice("config", args.area_config, CONFIGS)
+    with_two_eyes(config_from(args, MACHINE))  # raises for a wrong configuration before anything is rendered
+    with_two_eyes(MACHINES[choice("config", args.area_config, MACHINES)])
     for size in (args.size, args.rtl):
         if size is not None:
             parse_size(size)
@@ -116,7 +119,7 @@ def works(args: argparse.Namespace, frame: Frame) -> dict[str, Work]:
     given = SimpleNamespace(
         scene=frame.scene, camera="orbit", size=args.size, gaze=gaze, levels=levels,
         background="0,0,0", seed=args.seed, stereo=False, depth=False, effects="auto")
-    request, config = resolve(given), CONFIGS["paper"]
+    request, config = resolve(given), MACHINES["paper"]
     found = {"auto": work_for(given, request, config)}
     called = found["auto"].plan.called
     for name, forced in {**SINGLE, "most": BUT_STEREO}.items():
@@ -159,7 +162,7 @@ def simulated(args: argparse.Namespace, frame: Frame, effects: str, out: Path) -
     row = simulate(frame.scene, ["--size", args.rtl, *view, *config_options(args), "--machine", "scene", "--effects", effects,
                                  "--seed", str(args.seed)], make_folder(out))
     kept = ("bit_exact", "cycles", "geometry_cycles", "render_cycles", "wall_s", "cpu_s", "dram_bytes")
-    spent = frame_energy(counter_counts(row), row["cycles"], config_from(args, "default"), load_table())
+    spent = frame_energy(counter_counts(row), row["cycles"], config_from(args, MACHINE), load_table())
     return {**{key: row[key] for key in kept}, "chip_mj": spent.chip_mj, "dram_mj": spent.sum_mj("dram")}
 
 
@@ -178,10 +181,10 @@ def measure(args: argparse.Namespace, text: str, out: Path, area: Measure | None
         auto, full = both["auto"], both.get("most", both["auto"])
         energy = [sum(of[part] for part in ("chip_mj", "dram_mj")) for of in (full, auto)]
         row |= {"energy_ratio": energy[0] / energy[1], "rtl_size": args.rtl, "rtl": both,
-                "rtl_config": config_from(args, "default").name,
+                "rtl_config": config_from(args, MACHINE).name,
                 "cycles_ratio": full["cycles"] / auto["cycles"], "simulation_ratio": full["cpu_s"] / auto["cpu_s"]}
     if area:
-        config = CONFIGS[args.area_config]
+        config = MACHINES[args.area_config]
         mm2, most = area(found["auto"].plan.machine(config)), area(machine_of(config, ONE_EYE))
         row |= {"area_config": config.name, "area_mm2": mm2, "area_most_mm2": most, "area_ratio": most / mm2}
     return row
@@ -234,12 +237,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     args = parse_arguments(argv)
     out = make_folder(args.out)
     area = measure_in(ROOT / "build" / "synth") if args.area else None
-    areas = effect_areas(CONFIGS[args.area_config], area) if area else {}  # first, because its tools may be missing
+    areas = effect_areas(MACHINES[args.area_config], area) if area else {}  # first, because its tools may be missing
     rows = [measure(args, text, out, area) for text in args.scenes]
     kept = {name: {**asdict(found), "mm2": found.mm2} for name, found in areas.items()}
     report = {"rows": rows, **({"area_config": args.area_config, "areas": kept} if areas else {})}
     write_report(out / "effects.json", report, [__name__, *["tb.frame.__main__"] * bool(args.rtl)],
-                 {"arguments": args, "machine": config_from(args, "default")},
+                 {"arguments": args, "machine": config_from(args, MACHINE)},
                  [*(Frame.parse(text).scene for text in args.scenes), *(liberties() if areas else [])])
     tables = [table(rows), *([f"Area of the machine {args.area_config!r} at 16 nm:", area_table(areas)] if areas else [])]
     page.write_page(out / "effects.md", "\n\n".join(

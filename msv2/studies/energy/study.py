@@ -22,7 +22,7 @@ from pathlib import Path
 from golden.scenes.camera_options import ORBIT
 from golden.scenes.level_source import RANDOM
 from golden.scenes.request import add_request_arguments, add_stereo_arguments, make_folder, take_stereo_arguments
-from msv2.studies.energy.frame import EnergyReport, counter_counts, frame_energy, model_counts
+from msv2.studies.energy.frame import EnergyReport, counter_counts, frame_energy
 from msv2.studies.energy.page import OTHERS, as_markdown, plot
 from msv2.studies.energy.table import TABLE, Table, load_table
 from msv2.studies.memory import IDEAL, LPDDR3, MEMORY_NAMES, memory_arguments
@@ -30,6 +30,7 @@ from msv2.studies.page import write_page
 from msv2.studies.record import commit, write_report
 from msv2.studies.scenes import ENERGY, available, places
 from spec.command_line import command_parser
+from spec.effects import with_two_eyes
 from spec.errors import InputError
 from spec.extras import how_to_get
 from spec.memory import DRAM_BYTES_PER_CYCLE
@@ -61,17 +62,18 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 def modelled(args: argparse.Namespace, table: Table) -> list[dict[str, object]]:
     """The energy of a frame by the cycle model with each memory that is asked for, with a description of the frame."""
-    from perf.model import MemoryModel, simulate  # imported here because the kernels are compiled at first use
-    from perf.trace import trace_request
+    from msv2.studies.energy.modelled import modelled_energy  # imported here because the kernels are compiled at first use
+    from perf.frames import simulate, trace_request
+    from perf.model import MemoryModel
 
     config = config_from(args)
-    config = config.with_(stereo=args.stereo or config.stereo)
+    config = with_two_eyes(config) if args.stereo else config
     trace = trace_request(args, config, cache=CACHE)
     found = []
     for memory in MEMORY_NAMES if args.memory == "both" else (args.memory,):
         cycles = simulate(trace, config, memory=MemoryModel(**memory_arguments(memory), clock_ns=1e3 / args.clock_mhz),
                           display=True)
-        report = frame_energy(model_counts(trace, cycles), cycles.total, config, table, clock_hz=1e6 * args.clock_mhz)
+        report = modelled_energy(trace, cycles, config, table, clock_hz=1e6 * args.clock_mhz)
         found.append(_frame(str(args.scene), [trace.width, trace.height], trace.record, "cycle model", memory, config.name,
                             report))
     return found

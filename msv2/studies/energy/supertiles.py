@@ -17,7 +17,7 @@ from msv2.studies.energy.frame import WorkCounts
 from msv2.studies.energy.table import Memory, Table, Unit
 from perf.supertiles import SuperCycles
 from perf.supertiles_trace import SuperTrace
-from spec.config import SUPERTILES, AcceleratorConfig
+from spec.config import V3, AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import BEAT_BYTES, colour_beats
 
@@ -54,7 +54,7 @@ class SuperCounts(WorkCounts):
         return self.pairs + self.spilled_entries if operation == "sorted_entries" else super().of(operation)
 
 
-def super_counts(trace: SuperTrace, cycles: SuperCycles, config: AcceleratorConfig = SUPERTILES) -> SuperCounts:
+def super_counts(trace: SuperTrace, cycles: SuperCycles, config: AcceleratorConfig = V3) -> SuperCounts:
     """The operations of a frame from the cycle model. The commands of DRAM are known if LPDDR3 was simulated."""
     commands = {"activates": cycles.activates, "refreshes": cycles.refreshes} if cycles.activates else {}
     tiles = len(trace.counts)
@@ -67,7 +67,7 @@ def super_counts(trace: SuperTrace, cycles: SuperCycles, config: AcceleratorConf
         state_rows=(cycles.visits - tiles) * TILE * TILE // config.cores_x)
 
 
-def super_table(table: Table, trace: SuperTrace, config: AcceleratorConfig = SUPERTILES) -> Table:
+def super_table(table: Table, trace: SuperTrace, config: AcceleratorConfig = V3) -> Table:
     """The table of energies for a machine with super-tiles, from that of PAPER."""
     units = []
     for unit in table.units:

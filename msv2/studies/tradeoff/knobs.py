@@ -1,4 +1,5 @@
-"""The settings of the sweep: changes of one knob at a time from the default machine, and combinations of them.
+"""The settings of the sweep: changes of one knob at a time from the default machine, and combinations of them. Frames of two
+eyes are those of PAPER, as the default machine renders one.
 
 ALPHA_MIN, the alpha below which a pixel skips a splat, and T_STOP, the transmittance below which a pixel stops, are not swept.
 They are constants of the semantics (`spec.constants`) and no parameters of a machine.
@@ -9,16 +10,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields, replace
 
-from spec.config import PAPER, PRESETS, AcceleratorConfig, NumberFormats
+from spec.config import PAPER, PRESETS, V3, AcceleratorConfig, NumberFormats
 from spec.constants import MAX_LEVELS, REGION_START_DEG
 from spec.formats import UQ
 
 CONSTANTS = ("ALPHA_MIN", "T_STOP")
 """Thresholds that a machine cannot change."""
 
+BASE = V3
+"""The machine of one eye whose settings are varied."""
+
 DEFAULT = "default"
 PRESET = "preset"
-"""Knobs with these names change nothing: they stand for the paper's machine and for the presets in `spec.config`."""
+"""Knobs with these names change nothing: they stand for BASE and for the presets in `spec.config`."""
 
 BOTH_RENDERED = 180.0
 """A threshold in degrees beyond which no tile lies, so that nothing is warped."""
@@ -40,7 +44,7 @@ class Setting:
 
     knob: str = DEFAULT
     value: str = ""
-    config: AcceleratorConfig = field(default_factory=lambda: PAPER)
+    config: AcceleratorConfig = field(default_factory=lambda: BASE)
     sh_degree: int | None = None
     levels: int = 1
     obb: bool = False

@@ -13,12 +13,13 @@ from golden.msv2_ref import pipeline
 from golden.msv2_ref.eyes import render_stereo
 from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.stereo import stereo_pair
-from msv2.studies.energy.frame import frame_energy, load_table, model_counts
+from msv2.studies.energy.frame import load_table
+from msv2.studies.energy.modelled import modelled_energy
 from msv2.studies.memory import IDEAL, IDEAL_CYCLES, LPDDR3, memory_arguments
 from msv2.studies.tradeoff.knobs import Setting
 from msv2.studies.tradeoff.scene import SceneRequest, TradeoffScene, load
-from perf.model import MemoryModel, simulate
-from perf.trace import trace_of
+from perf.frames import simulate, trace_of
+from perf.model import MemoryModel
 from spec.constants import REGION_START_DEG
 
 CLOCK_HZ = 1e9
@@ -75,7 +76,7 @@ def _view(scene: TradeoffScene, view: int, setting: Setting) -> dict[str, object
     trace = trace_of(frame)
     cycles, ideal = (simulate(trace, setting.config, memory=MemoryModel(**memory_arguments(memory)))
                      for memory in (LPDDR3, IDEAL))
-    energy = frame_energy(model_counts(trace, cycles), cycles.total, setting.config, load_table(), clock_hz=CLOCK_HZ)
+    energy = modelled_energy(trace, cycles, setting.config, load_table(), clock_hz=CLOCK_HZ)
     return {
         **quality(image, scene.ideal(camera, setting.variant), scene.photograph(view, camera), display.eccentricity(centre)),
         "cycles": cycles.total, IDEAL_CYCLES: ideal.total, "geometry_cycles": cycles.phases["geometry"],

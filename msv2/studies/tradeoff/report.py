@@ -12,14 +12,16 @@ from pathlib import Path
 from typing import Any
 
 from golden.scenes.files import atomic_output
+from msv2.studies.area.estimate import BUILDS
 from msv2.studies.page import fill, write_page
 from msv2.studies.record import write_report
 from msv2.studies.tradeoff import pages
 from msv2.studies.tradeoff.crops import Crop, sheet
 from msv2.studies.tradeoff.frontiers import frontiers
+from msv2.studies.tradeoff.knobs import BASE
 from msv2.studies.tradeoff.tables import Content, trainingtable
 from msv2.studies.web.maker import write_html
-from spec.config import PAPER, PRESETS, AcceleratorConfig
+from spec.config import AcceleratorConfig
 from spec.constants import REGION_START_DEG
 from spec.paths import DOCS
 
@@ -30,15 +32,11 @@ DETAILS = {"settings": "machine", "runs": "training"}
 """Pictures of all measured points, by the frontier that they belong to."""
 
 
-BUILDS = {"1ghz": PAPER.with_(stereo=True), "mono": PAPER, **PRESETS}
-"""Machines whose areas are in reports/area.json, by the names of their builds there."""
-
-
 def known_areas(path: Path) -> dict[AcceleratorConfig, float]:
-    """Area in mm^2 at 16 nm of the machines of BUILDS in reports/area.json, all named as PAPER is. Empty if the report is
-    missing."""
+    """Area in mm^2 at 16 nm of the machines of `msv2.studies.area.estimate.BUILDS` in reports/area.json, all named as BASE is.
+    Empty if the report is missing."""
     builds = json.loads(path.read_text())["builds"] if path.is_file() else {}
-    return {config.with_(name=PAPER.name): builds[name]["mm2_16nm"] for name, config in BUILDS.items() if name in builds}
+    return {config.with_(name=BASE.name): builds[name]["mm2_16nm"] for name, config in BUILDS.items() if name in builds}
 
 
 def write(content: Content, out: Path, name: str, configuration: object = None, inputs: Sequence[Path | str] = ()) -> None:

@@ -19,8 +19,8 @@ from golden.scenes.request import parse_request, resolve
 from msv2.studies.rtl_frame import kept_frame
 from msv2.studies.speed import float32
 from msv2.studies.tradeoff.scene import SceneRequest, first_level, load, run_scene
-from perf.model import MemoryModel, simulate
-from perf.trace import trace_of
+from perf.frames import simulate, trace_of
+from perf.model import MemoryModel
 from spec.config import CONFIGS
 from spec.errors import InputError
 from spec.paths import REPORTS

@@ -18,11 +18,11 @@ from msv2.studies.kept import fingerprint
 from msv2.studies.tradeoff import crops, hard, measure, report, simulation, tables, training
 from msv2.studies.tradeoff.choose import BUDGETS, candidate_parts, frontier, recommended, with_losses
 from msv2.studies.tradeoff.jobs import run_all
-from msv2.studies.tradeoff.knobs import DEFAULT, Setting, combined, single, word_bits
+from msv2.studies.tradeoff.knobs import BASE, DEFAULT, Setting, combined, single, word_bits
 from msv2.studies.tradeoff.scene import SceneRequest, load
 from msv2.studies.web.look import take_screenshots
 from spec.command_line import choice, command_parser
-from spec.config import CONFIGS, PAPER
+from spec.config import CONFIGS
 from spec.errors import InputError
 from spec.paths import IN_CHECKOUT, REPORTS
 
@@ -125,7 +125,7 @@ def machine_rows(request: SceneRequest, settings: Sequence[Setting], args: argpa
             "knob": setting.knob, "value": setting.value, "parts": [list(part) for part in setting.parts],
             "threshold_deg": setting.threshold_deg, "variant": setting.variant, "in_rtl": setting.in_rtl,
             "word_bits": word_bits(setting.config), "functions": setting.functions,
-            "area_mm2": None if setting.obb else areas.get(setting.config.with_(name=PAPER.name)),
+            "area_mm2": None if setting.obb else areas.get(setting.config.with_(name=BASE.name)),
             **quality, **stable})
     return rows
 
@@ -183,11 +183,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         "scene": Path(args.scene).stem, "size": args.size, "views": args.views, "photographs": scene.photographs is not None,
         "levels": scene.levels_named, "points": len(scene.leveled[""]), "machine": rows,
         "recommended": {b.name: recommended(rows, b) for b in BUDGETS},
-        "presets": {b.preset: b.name for b in BUDGETS if b.preset},
+        "config": BASE.name, "presets": {b.preset: b.name for b in BUDGETS if b.preset},
         "simulation": {"size": small.size, "config": args.rtl_config, "rows": simulated},
         "training": training.runs([Path(folder) for folder in args.runs.split(",")])}
     inputs = [args.scene, *(path for _, path in request.variants), REPORTS / "area.json"]
-    report.write(content, out, args.name, {"arguments": args, "machine": PAPER}, inputs)
+    report.write(content, out, args.name, {"arguments": args, "machine": BASE}, inputs)
     print(tables.recommendation(content))
     return write_pages(read_json(out / f"{args.name}.json"), args, request)
 

@@ -11,7 +11,7 @@ from msv2.studies.memory import IDEAL, LPDDR3, memory_arguments
 from msv2.studies.performance.frames import request
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.trace import FrameTrace, trace_request
-from spec.config import PAPER, V3, AcceleratorConfig
+from spec.config import PAPER, V3_RECORDS, AcceleratorConfig
 from spec.paths import cache_folder
 
 CACHE = cache_folder("traces")
@@ -20,7 +20,7 @@ CLOCK_HZ = 1e9
 SPATIAL = PAPER.with_(name="paper_spatial", order="spatial")
 CHUNKS = SPATIAL.with_(name="chunks_wide", chunks=True)
 MACHINES = {
-    PAPER.name: PAPER, "paper, spatial order": SPATIAL, "chunks, wide records": CHUNKS, V3.name: V3}
+    PAPER.name: PAPER, "paper, spatial order": SPATIAL, "chunks, wide records": CHUNKS, V3_RECORDS.name: V3_RECORDS}
 """The machines by name, each with one change more than the one before it."""
 
 MEMORIES = (LPDDR3, IDEAL)

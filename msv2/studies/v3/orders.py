@@ -11,7 +11,7 @@ from msv2.studies.performance.frames import request
 from msv2.studies.v3.frames import MEMORIES, Subject, chunks, chunks_read, total_bytes
 from perf.model import MemoryModel, simulate
 from perf.trace import FrameTrace, trace_of
-from spec.config import PAPER, V3, AcceleratorConfig
+from spec.config import PAPER, V3_RECORDS, AcceleratorConfig
 
 
 def order_rows(subject: Subject) -> list[dict[str, object]]:
@@ -23,7 +23,7 @@ def order_rows(subject: Subject) -> list[dict[str, object]]:
     asked = resolve(request(subject.scene, subject.size))
     rows = []
     for name, order in CANDIDATES.items():
-        for config in (PAPER, V3) if order is not None else (PAPER,):
+        for config in (PAPER, V3_RECORDS) if order is not None else (PAPER,):
             words = quantise_model(config, asked.model, order=order)
             trace = trace_of(pipeline.render(
                 words, asked.camera, config=config, foveation=asked.foveation, background=asked.background))

@@ -9,11 +9,11 @@ from msv2.studies.memory import LPDDR3, MEMORY_NAMES
 from msv2.studies.page import table
 from msv2.studies.v3.frames import MACHINES, MEMORIES
 from msv2.studies.v3.summary import Row, of
-from spec.config import PAPER, SUPERTILES, V3
+from spec.config import PAPER, V3, V3_RECORDS
 from spec.registers import CHUNK_READ_CLIENTS, READ_CLIENTS, WRITE_CLIENTS
 
 NONE = "-"
-_NAMES = (*MACHINES, SUPERTILES.name)
+_NAMES = (*MACHINES, V3.name)
 
 
 def page(content: Mapping[str, Any]) -> str:
@@ -24,19 +24,19 @@ def page(content: Mapping[str, Any]) -> str:
         "# v3: spatial order, chunks, compact records and lists by super-tile", _introduction(content),
         "## Goals", _goals(content["goals"]),
         "## Gains over `paper`", "Geometric means over the frames. `paper, spatial order` is work of the host alone. "
-        f"`{SUPERTILES.name}` is `{V3.name}` with lists by super-tile and depth buckets; it gathers records and projects them "
+        f"`{V3.name}` is `{V3_RECORDS.name}` with lists by super-tile and depth buckets; it gathers records and projects them "
         "again.",
-        _gains({**found["beside"], V3.name: found, SUPERTILES.name: step}),
+        _gains({**found["beside"], V3_RECORDS.name: found, V3.name: step}),
         *(part for memory in MEMORIES for part in (f"## Cycles, {MEMORY_NAMES[memory]}", _cycles(rows, memory))),
-        "## Bytes by client", f"MB of a frame: `{PAPER.name}` / `{V3.name}` / `{SUPERTILES.name}`.", _bytes(rows),
-        "## Super-tiles", f"Frames on `{SUPERTILES.name}`, with the bounds of an unmoved camera. A pair is a splat and a "
+        "## Bytes by client", f"MB of a frame: `{PAPER.name}` / `{V3_RECORDS.name}` / `{V3.name}`.", _bytes(rows),
+        "## Super-tiles", f"Frames on `{V3.name}`, with the bounds of an unmoved camera. A pair is a splat and a "
         "super-tile.", _supertiles(rows),
         "## Depth buckets", "Pairs in lists above the sort buffer, where the bounds come from a frame before the camera "
         "turned by so many degrees and moved to the side by 0.005 units. After a cut there are no bounds.",
         _overflow(step["overflow"]),
         "## Chunks", "What `v3` reads of the model. Each chunk's header, 32 bytes, is read in any case.", _chunks(rows),
         "## Energy and activates",
-        f"{MEMORY_NAMES[LPDDR3]}: `{PAPER.name}` / `{V3.name}` / `{SUPERTILES.name}`. The energy of DRAM includes activates, "
+        f"{MEMORY_NAMES[LPDDR3]}: `{PAPER.name}` / `{V3_RECORDS.name}` / `{V3.name}`. The energy of DRAM includes activates, "
         "refreshes, standby, I/O and termination; `msv2 study run energy` names the sources.", _energy(rows),
         "## Against photographs", "PSNR in dB of golden frames against photographs of test views, which training does not see. "
         "Frames of four levels have the gaze in the centre.", _photographs(content),
@@ -79,11 +79,11 @@ def _cycles(rows: Sequence[Row], memory: str) -> str:
     lines = []
     for row in of(rows, machine=PAPER.name, memory=memory):
         others = {name: of(rows, frame=row["frame"], machine=name, memory=memory)[0] for name in _NAMES}
-        last = others[SUPERTILES.name]
+        last = others[V3.name]
         lines.append((
             row["frame"], *(f"{other['cycles']:,}" for other in others.values()), f"{row['cycles'] / last['cycles']:.3f}",
             *(f"{row['phases'][phase]:,} / {last['phases'][phase]:,}" for phase in ("geometry", "render"))))
-    return table(("frame", *_NAMES, "gain", f"geometry, `{PAPER.name}` / `{SUPERTILES.name}`", "rendering"), lines, left=1)
+    return table(("frame", *_NAMES, "gain", f"geometry, `{PAPER.name}` / `{V3.name}`", "rendering"), lines, left=1)
 
 
 def _beside(values: Iterable[float], form: str = ".2f") -> str:
@@ -93,7 +93,7 @@ def _beside(values: Iterable[float], form: str = ".2f") -> str:
 def _compared(rows: Sequence[Row]) -> Iterator[tuple[Row, ...]]:
     """For each frame, its rows on `paper`, `v3` and with super-tiles, with LPDDR3."""
     for row in of(rows, machine=PAPER.name, memory=LPDDR3):
-        yield row, *(of(rows, frame=row["frame"], machine=name, memory=LPDDR3)[0] for name in (V3.name, SUPERTILES.name))
+        yield row, *(of(rows, frame=row["frame"], machine=name, memory=LPDDR3)[0] for name in (V3_RECORDS.name, V3.name))
 
 
 def _bytes(rows: Sequence[Row]) -> str:
@@ -104,15 +104,15 @@ def _bytes(rows: Sequence[Row]) -> str:
         total = [row["total_bytes"] for row in found]
         lines.append((found[0]["frame"], *cells, _beside(value / 1e6 for value in total), f"{total[0] / total[1]:.3f}",
                       f"{total[0] / total[2]:.3f}"))
-    return table(("frame", *(f"{name} {kind}" for kind, name in clients), "all", f"gain, `{V3.name}`",
-                  f"gain, `{SUPERTILES.name}`"), lines, left=1)
+    return table(("frame", *(f"{name} {kind}" for kind, name in clients), "all", f"gain, `{V3_RECORDS.name}`",
+                  f"gain, `{V3.name}`"), lines, left=1)
 
 
 def _supertiles(rows: Sequence[Row]) -> str:
     names = ("pairs", "places", "lists", "batches", "visits", "header_misses")
     return table(("frame", "intersections", *(name.replace("_", " ") for name in names), "pairs a splat"), (
         (row["frame"], f"{row['entries']:,}", *(f"{row[name]:,}" for name in names),
-         f"{row['pairs'] / max(1, row['survivors']):.2f}") for row in of(rows, machine=SUPERTILES.name, memory=LPDDR3)), left=1)
+         f"{row['pairs'] / max(1, row['survivors']):.2f}") for row in of(rows, machine=V3.name, memory=LPDDR3)), left=1)
 
 
 def _overflow(rows: Sequence[Row]) -> str:
@@ -126,7 +126,7 @@ def _chunks(rows: Sequence[Row]) -> str:
     return table(("frame", "chunks", "read", "share", "points", "read", "share", "survivors"), (
         (row["frame"], f"{row['chunks']:,}", f"{row['chunks_read']:,}", f"{row['chunks_read'] / max(1, row['chunks']):.3f}",
          f"{row['points']:,}", f"{row['points_read']:,}", f"{row['points_read'] / max(1, row['points']):.3f}",
-         f"{row['survivors']:,}") for row in of(rows, machine=V3.name, memory=LPDDR3)), left=1)
+         f"{row['survivors']:,}") for row in of(rows, machine=V3_RECORDS.name, memory=LPDDR3)), left=1)
 
 
 def _energy(rows: Sequence[Row]) -> str:

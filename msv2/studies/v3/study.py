@@ -27,7 +27,7 @@ from msv2.studies.record import write_report
 from msv2.studies.v3 import frames, orders, photographs, summary, supertiles
 from msv2.studies.v3.page import page
 from spec.command_line import command_parser
-from spec.config import SUPERTILES
+from spec.config import V3
 from spec.paths import REPORTS
 
 
@@ -94,7 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     out = make_folder(args.out)
     content = measure(args)
     scenes = [scene_file(scene) for scene in args.scene or frames.SCENES if scene != EMBEDDED]
-    machines = frames.MACHINES | {SUPERTILES.name: SUPERTILES}
+    machines = frames.MACHINES | {V3.name: V3}
     write_report(out / "v3.json", content, [__name__], {"arguments": args, "machines": machines},
                  [TABLE, *filter(None, scenes), *(run / "model.ply" for run in photographs.runs_here()[0].values())])
     write_page(out / "v3.md", page(content))

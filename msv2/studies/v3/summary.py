@@ -9,7 +9,7 @@ from golden.scenes.load import EMBEDDED
 from msv2.studies.memory import IDEAL, LPDDR3
 from msv2.studies.performance.summary import geomean
 from msv2.studies.v3.frames import MACHINES
-from spec.config import PAPER, SUPERTILES, V3
+from spec.config import PAPER, V3, V3_RECORDS
 
 Row = Mapping[str, Any]
 
@@ -54,14 +54,15 @@ def _value(row: Row, name: str) -> float:
 
 def shares(rows: Sequence[Row]) -> dict[str, float]:
     """The share of chunks that `v3` reads, by frame."""
-    return {row["frame"]: row["chunks_read"] / max(1, row["chunks"]) for row in of(rows, machine=V3.name, memory=LPDDR3)}
+    found = of(rows, machine=V3_RECORDS.name, memory=LPDDR3)
+    return {row["frame"]: row["chunks_read"] / max(1, row["chunks"]) for row in found}
 
 
 def worst_captured(rows: Sequence[Row]) -> float | None:
     """How many times fewer bytes a frame of a captured scene of CAPTURED_SIZE takes at least on the machine with super-tiles;
     None where there is none."""
     base = {row["frame"]: row["total_bytes"] for row in of(rows, machine=PAPER.name, memory=LPDDR3)}
-    found = of(rows, machine=SUPERTILES.name, memory=LPDDR3, size=CAPTURED_SIZE)
+    found = of(rows, machine=V3.name, memory=LPDDR3, size=CAPTURED_SIZE)
     return min((base[row["frame"]] / row["total_bytes"] for row in found if row["scene"] != EMBEDDED), default=None)
 
 
@@ -72,23 +73,23 @@ def worst_overflow(overflow: Sequence[Row]) -> float | None:
 
 def supertiles(rows: Sequence[Row], overflow: Sequence[Row]) -> dict[str, object]:
     """The step to lists by super-tile: gains over `paper`, and how much overflows."""
-    return {**gains(rows, SUPERTILES.name), "worst_bytes_gain_captured": worst_captured(rows),
+    return {**gains(rows, V3.name), "worst_bytes_gain_captured": worst_captured(rows),
             "overflow_share": worst_overflow(overflow), "overflow": list(overflow)}
 
 
 def steps(rows: Sequence[Row], photographs: Sequence[Row], overflow: Sequence[Row]) -> dict[str, object]:
     """The steps by name. `records` stands for spatial order, chunks and compact records together; beside it stand its parts.
     `supertiles` stands for these and lists by super-tile."""
-    parts = {name: gains(rows, name) for name in MACHINES if name not in (PAPER.name, V3.name)}
+    parts = {name: gains(rows, name) for name in MACHINES if name not in (PAPER.name, V3_RECORDS.name)}
     worst = max((row["loss_db"] for row in photographs), default=None)
-    return {"records": {**gains(rows, V3.name), "worst_photo_loss_db": worst, "chunks_read": shares(rows), "beside": parts},
-            "supertiles": supertiles(rows, overflow)}
+    found = {**gains(rows, V3_RECORDS.name), "worst_photo_loss_db": worst, "chunks_read": shares(rows), "beside": parts}
+    return {"records": found, "supertiles": supertiles(rows, overflow)}
 
 
 def goals(rows: Sequence[Row], photographs: Sequence[Row], overflow: Sequence[Row]) -> list[dict[str, object]]:
     """The goals, and whether they are reached."""
-    found = gains(rows, V3.name)
-    culled = [row["chunks_read"] / row["chunks"] for row in of(rows, machine=V3.name, memory=LPDDR3, scene=CULLED)]
+    found = gains(rows, V3_RECORDS.name)
+    culled = [row["chunks_read"] / row["chunks"] for row in of(rows, machine=V3_RECORDS.name, memory=LPDDR3, scene=CULLED)]
     out = [_goal("bytes of a frame, times fewer", BYTES_GOAL, found["bytes_gain"], least=True),
            _goal("LPDDR3 cycles of a frame, times fewer", LPDDR3_GOAL, found["lpddr3_gain"], least=True),
            _goal(f"share of {CULLED}'s chunks that is read", CHUNKS_GOAL, max(culled, default=None), least=False)]

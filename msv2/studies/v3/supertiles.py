@@ -25,7 +25,7 @@ from msv2.studies.v3.frames import CACHE, CLOCK_HZ, Subject, moved, total_bytes
 from perf.model import MemoryModel
 from perf.supertiles import simulate_supertiles
 from perf.supertiles_trace import SuperTrace, trace_request
-from spec.config import SUPERTILES
+from spec.config import V3
 
 TURNS = (0.5, 2.0)
 """Degrees by which the camera turns between two frames."""
@@ -40,16 +40,16 @@ def super_traced(subject: Subject) -> SuperTrace:
     Raises:
         InputError: the scene is missing.
     """
-    return trace_request(request(subject.scene, subject.size), SUPERTILES, cache=CACHE)
+    return trace_request(request(subject.scene, subject.size), V3, cache=CACHE)
 
 
 def super_row(subject: Subject, memory: str, trace: SuperTrace, table: Table) -> dict[str, object]:
     """The numbers of a frame with a memory, as `msv2.studies.v3.frames.frame_row` gives them, and those of super-tiles."""
-    frame = simulate_supertiles(trace, SUPERTILES, memory=MemoryModel(**memory_arguments(memory)), display=True)
+    frame = simulate_supertiles(trace, V3, memory=MemoryModel(**memory_arguments(memory)), display=True)
     energy = frame_energy(
-        super_counts(trace, frame), frame.total, SUPERTILES, super_table(table, trace), clock_hz=CLOCK_HZ)
+        super_counts(trace, frame), frame.total, V3, super_table(table, trace), clock_hz=CLOCK_HZ)
     return {
-        "frame": subject.name, "scene": subject.scene, "size": subject.size, "machine": SUPERTILES.name, "memory": memory,
+        "frame": subject.name, "scene": subject.scene, "size": subject.size, "machine": V3.name, "memory": memory,
         "cycles": frame.total, "phases": frame.phases, "bytes": moved(frame), "total_bytes": total_bytes(frame),
         "activates": frame.activates, "refreshes": frame.refreshes, "points": trace.points, "points_read": trace.points_read,
         "chunks": len(trace.chunk_count), "chunks_read": int(trace.chunk_read.sum()), "survivors": trace.survivors,
@@ -76,18 +76,18 @@ class _View:
 
     def pairs(self, camera: Camera) -> Pairs:
         """The pairs of the frame as another camera sees it."""
-        registers = frame_registers(SUPERTILES, camera, self.words, self.foveation, self.asked.background, None)
-        projected = projection.project(SUPERTILES, self.words, registers)
+        registers = frame_registers(V3, camera, self.words, self.foveation, self.asked.background, None)
+        projected = projection.project(V3, self.words, registers)
         order = sort.depth_order(projected.depth_key, projected.reason == projection.VISIBLE)
-        tested = tile_test.tested_opacity(SUPERTILES, self.words.geometry["log2_opacity"], self.words.decoded.opacity)
+        tested = tile_test.tested_opacity(V3, self.words.geometry["log2_opacity"], self.words.decoded.opacity)
         entries = tile_test.tile_intersections(
-            SUPERTILES, projected, tested, self.words.geometry["bound"], registers, order)
+            V3, projected, tested, self.words.geometry["bound"], registers, order)
         return find_pairs(registers, self.words.chunks, projected.depth_key, entries)
 
 
 @lru_cache(maxsize=1)
 def _words(scene: str) -> GaussianWords:
-    return quantise_model(SUPERTILES, resolve(request(scene, "640x360")).model)
+    return quantise_model(V3, resolve(request(scene, "640x360")).model)
 
 
 def overflow_rows(subject: Subject) -> list[dict[str, object]]:
@@ -108,7 +108,7 @@ def overflow_rows(subject: Subject) -> list[dict[str, object]]:
             bounds = no_bounds(supertiles)
             if degrees is not None:
                 before = view.pairs(turned(asked.camera, degrees, STEP))
-                bounds = next_bounds(SUPERTILES, before.start, before.depth_key)
+                bounds = next_bounds(V3, before.start, before.depth_key)
             out.append({"frame": subject.name, "scene": subject.scene, "size": subject.size, "foveated": foveated,
                         "degrees": degrees, **_overflow(pairs, bounds)})
     return out
@@ -116,7 +116,7 @@ def overflow_rows(subject: Subject) -> list[dict[str, object]]:
 
 def _overflow(pairs: Pairs, bounds: Bounds) -> dict[str, object]:
     counts = list_counts(pairs, bounds)
-    over = int(counts[counts > SUPERTILES.sort_chunk].sum())
+    over = int(counts[counts > V3.sort_chunk].sum())
     return {"pairs": len(pairs.splat), "lists": bounds.lists, "largest": int(counts.max(initial=0)), "overflow": over,
             "overflow_share": over / max(1, len(pairs.splat))}
 

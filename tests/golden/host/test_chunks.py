@@ -12,14 +12,14 @@ from golden.host.quantise import quantise_model
 from golden.scenes.model import GaussianModel
 from spec.chunks import chunk_header
 from spec.compact import OPACITY_LOG2
-from spec.config import V3
+from spec.config import V3_RECORDS
 from spec.packing import pack, unpack
 from spec.tables import log2_alpha_min
 from tests.helpers.golden_samples import random_model, splats
 
-WIDE = V3.with_(records="wide")
-BOTH = pytest.mark.parametrize("config", [V3, WIDE], ids=["compact", "wide"])
-F = V3.formats
+WIDE = V3_RECORDS.with_(records="wide")
+BOTH = pytest.mark.parametrize("config", [V3_RECORDS, WIDE], ids=["compact", "wide"])
+F = V3_RECORDS.formats
 
 
 def check(words):
@@ -28,7 +28,7 @@ def check(words):
     ends = found["first"] + found["count"]
     assert (found["count"] >= 1).all() and (found["count"] <= 64).all()
     assert found["first"].tolist() == [0, *ends.tolist()][: len(found)] and ends[-1:].tolist() == [len(mean)] * (len(mean) > 0)
-    assert np.array_equal(unpack(chunk_header(V3), pack(chunk_header(V3), found)), found)
+    assert np.array_equal(unpack(chunk_header(V3_RECORDS), pack(chunk_header(V3_RECORDS), found)), found)
     for chunk in found:
         rows = slice(int(chunk["first"]), int(chunk["first"] + chunk["count"]))
         low = F.position.to_float(chunk["low"])
@@ -99,12 +99,12 @@ def rows_at(x, scale):
 def test_a_splat_without_size_fits_where_positions_are_exact():
     """Beside splats of any size, but only where the grid is finer than the ulp of the positions."""
     x, scale = 10 + 0.01 * np.arange(6), [0.0, 1.0] * 3
-    assert cut_chunks(V3, rows_at(x, scale))["count"].tolist() == [6]
-    assert cut_chunks(V3, rows_at(x - 10, scale))["count"].tolist() == [1] * 6
-    assert cut_chunks(V3, rows_at(np.full(6, 3.0), scale))["count"].tolist() == [6]
-    assert cut_chunks(V3, rows_at([16.0, 15.0], [0.0, 0.0]))["count"].tolist() == [2]
-    assert cut_chunks(V3, rows_at([16.0, 14.99], [0.0, 0.0]))["count"].tolist() == [1, 1]
-    assert cut_chunks(V3, rows_at([-16.0, -15.0], [0.0, 0.0]))["count"].tolist() == [2]
+    assert cut_chunks(V3_RECORDS, rows_at(x, scale))["count"].tolist() == [6]
+    assert cut_chunks(V3_RECORDS, rows_at(x - 10, scale))["count"].tolist() == [1] * 6
+    assert cut_chunks(V3_RECORDS, rows_at(np.full(6, 3.0), scale))["count"].tolist() == [6]
+    assert cut_chunks(V3_RECORDS, rows_at([16.0, 15.0], [0.0, 0.0]))["count"].tolist() == [2]
+    assert cut_chunks(V3_RECORDS, rows_at([16.0, 14.99], [0.0, 0.0]))["count"].tolist() == [1, 1]
+    assert cut_chunks(V3_RECORDS, rows_at([-16.0, -15.0], [0.0, 0.0]))["count"].tolist() == [2]
 
 
 @BOTH
@@ -115,12 +115,12 @@ def test_a_model_of_splats_without_size(config):
 
 def test_a_far_splat_does_not_coarsen_the_grid_of_near_ones():
     """A grid has at least 16 steps in the smallest splat's standard deviation."""
-    assert cut_chunks(V3, rows_at([0.0, 1.0, 4096.0], [1.0] * 3))["count"].tolist() == [3]
-    assert cut_chunks(V3, rows_at([0.0, 1.0, 4100.0], [1.0] * 3))["count"].tolist() == [2, 1]
-    assert cut_chunks(V3, rows_at([0.0, 4096.0, 4096.0], [1.0, 1.0, 0.99]))["count"].tolist() == [2, 1]
-    assert cut_chunks(V3, rows_at([0.0, 4096.0, 4096.0], [0.99, 1.0, 1.0]))["count"].tolist() == [1, 2]
+    assert cut_chunks(V3_RECORDS, rows_at([0.0, 1.0, 4096.0], [1.0] * 3))["count"].tolist() == [3]
+    assert cut_chunks(V3_RECORDS, rows_at([0.0, 1.0, 4100.0], [1.0] * 3))["count"].tolist() == [2, 1]
+    assert cut_chunks(V3_RECORDS, rows_at([0.0, 4096.0, 4096.0], [1.0, 1.0, 0.99]))["count"].tolist() == [2, 1]
+    assert cut_chunks(V3_RECORDS, rows_at([0.0, 4096.0, 4096.0], [0.99, 1.0, 1.0]))["count"].tolist() == [1, 2]
     model = splats((0, 0, 1), (0.01, 0, 1), (0, 0.01, 1), (1e6, 0, 1), scale=0.01)
-    words = quantise_model(V3, model)
+    words = quantise_model(V3_RECORDS, model)
     mean = words.decoded.mean[np.argsort(words.model_index)] + words.origin
     assert np.abs(mean - model.means)[:3].max() < 0.01 / 32
 
@@ -186,24 +186,24 @@ def test_a_chunk_wider_than_every_grid_is_an_error():
 
 def test_scales_are_rounded_up_to_sixteenths_of_an_octave():
     words = np.arange(1 << 11, 1 << 17)  # every word but the zeros
-    got, value = sixteenths(V3, words), F.scale.to_float(words)
+    got, value = sixteenths(V3_RECORDS, words), F.scale.to_float(words)
     inside = got <= 1023
     assert (value[inside] <= np.exp2(got[inside] / 16 - 40) * (1 + 1e-12)).all()
     assert (value > np.exp2((got - 1) / 16 - 40) * (1 - 1e-12)).all()
-    assert sixteenths(V3, np.arange(1 << 11)).tolist() == [-1] * (1 << 11)
+    assert sixteenths(V3_RECORDS, np.arange(1 << 11)).tolist() == [-1] * (1 << 11)
 
 
 def test_scales_beyond_the_largest_header_are_clipped_and_counted():
-    words = quantise_model(V3, splats((0, 0, 1), (0, 0, 2), scale=[[1e7, 1.0, 1.0], [1e9, 1.0, 1.0]]))
+    words = quantise_model(V3_RECORDS, splats((0, 0, 1), (0, 0, 2), scale=[[1e7, 1.0, 1.0], [1e9, 1.0, 1.0]]))
     assert words.saturated["scale"] == 1 and words.chunks["scale_top"].max() == 1023
-    assert words.decoded.scale.max() <= largest_scale(V3) * (1 + 2.0**-12)
-    unlimited = quantise_model(V3.with_(chunks=False, records="wide"), splats((0, 0, 1), scale=1e9))
+    assert words.decoded.scale.max() <= largest_scale(V3_RECORDS) * (1 + 2.0**-12)
+    unlimited = quantise_model(V3_RECORDS.with_(chunks=False, records="wide"), splats((0, 0, 1), scale=1e9))
     assert unlimited.decoded.scale.max() == F.scale.max
 
 
 def test_opacity_codes_of_headers_are_not_below():
     raw = np.arange(F.log2_opacity.raw_min, 7169)
-    code = opacity_code_above(V3, raw)
+    code = opacity_code_above(V3_RECORDS, raw)
     seen = raw >= log2_alpha_min(F)
     assert not code[~seen].any() and (code[seen] >= 1).all() and code.max() == 479
     alpha = np.exp2(raw / 1024)

@@ -32,12 +32,12 @@ from spec.compact import (
     quaternion_bits,
     scale_bits,
 )
-from spec.config import V3
+from spec.config import V3_RECORDS
 from spec.packing import unpack
 from tests.helpers.golden_samples import random_model, splats
 
-WIDE = V3.with_(records="wide")
-F = V3.formats
+WIDE = V3_RECORDS.with_(records="wide")
+F = V3_RECORDS.formats
 
 
 def rs(x, n):
@@ -120,7 +120,7 @@ def anything(request):
     """(chunks, words): arbitrary codes of chunks of one bound, with the same geometry in G and R."""
     bound, rng = request.param, np.random.default_rng(request.param)
     coarse, count = bound == 3, 64 * 40
-    header = chunk_header(V3)
+    header = chunk_header(V3_RECORDS)
     chunks = np.zeros(40, header.dtype)
     low = np.exp2(rng.uniform(-20, 30, (40, 3))) * rng.choice([-1, 1], (40, 3))
     chunks["low"], chunks["step"] = F.position.quantise(low), rng.integers(0, 64, (40, 3))
@@ -128,23 +128,23 @@ def anything(request):
     chunks["scale_top"] = rng.integers(16, 1024, 40)
     chunks["scale_top"][:4] = 16, 17, 144, 1023
     chunks["bound"], chunks["count"], chunks["first"] = bound, 64, 64 * np.arange(40)
-    short = random_records(compact_colour(V3, coarse), count, rng)
-    colour = np.zeros(count, compact_colour(V3, coarse=True).dtype)
+    short = random_records(compact_colour(V3_RECORDS, coarse), count, rng)
+    colour = np.zeros(count, compact_colour(V3_RECORDS, coarse=True).dtype)
     for name in short.dtype.names:
         held = colour[name] if short[name].ndim == 1 else colour[name][:, : short[name].shape[1]]
         held[:] = short[name]
-    geometry = np.zeros(count, compact_geometry(V3, coarse=True).dtype)
+    geometry = np.zeros(count, compact_geometry(V3_RECORDS, coarse=True).dtype)
     for name in ("position", "scale", "largest", "quaternion"):
         geometry[name] = colour[name]
     geometry["opacity"] = colour["opacity"][:, 0]
-    harmonics = random_records(compact_harmonics(V3), count, rng)
-    return chunks, CompactWords(V3, np.full(count, coarse), geometry, colour, harmonics)
+    harmonics = random_records(compact_harmonics(V3_RECORDS), count, rng)
+    return chunks, CompactWords(V3_RECORDS, np.full(count, coarse), geometry, colour, harmonics)
 
 
 @pytest.mark.parametrize("degree", range(4))
 def test_decoding_follows_the_text(anything, degree):
     chunks, words = anything
-    geometry, colour = decode(V3, chunks, words, degree)
+    geometry, colour = decode(V3_RECORDS, chunks, words, degree)
     assert (geometry["bound"] == chunks["bound"][0]).all()
     for i in range(0, len(geometry), 1 if degree == 3 else 37):
         text = ByTheText(row(chunks, i // 64), row(words.geometry, i), row(words.colour, i), row(words.harmonics, i))
@@ -157,13 +157,13 @@ def test_decoding_follows_the_text(anything, degree):
 
 def test_both_records_decode_to_the_same_geometry(anything):
     chunks, words = anything
-    first, second = decode_shape(V3, chunks, words.geometry), decode_shape(V3, chunks, words.colour)
+    first, second = decode_shape(V3_RECORDS, chunks, words.geometry), decode_shape(V3_RECORDS, chunks, words.colour)
     assert all(np.array_equal(first[name], second[name]) for name in ("mean", "scale", "quat"))
 
 
 def test_decoded_words_fit_their_formats(anything):
     chunks, words = anything
-    geometry, colour = decode(V3, chunks, words, 3)
+    geometry, colour = decode(V3_RECORDS, chunks, words, 3)
     for rows, names in ((geometry, {"mean": F.position, "scale": F.scale}), (geometry, {"quat": F.quaternion}),
                         (geometry, {"log2_opacity": F.log2_opacity}), (colour, {"dc": F.sh_dc, "rest": F.sh_rest})):
         for name, form in names.items():
@@ -183,7 +183,7 @@ def coded(request):
     model.opacity[:] = np.exp2(rng.uniform(-9, 7, model.opacity.shape))
     model.sh_dc[:] = rng.normal(0, 1.5, model.sh_dc.shape)
     words = quantise_model(WIDE, model)
-    return words, in_chunks(type(words)(V3, *(getattr(words, n) for n in (
+    return words, in_chunks(type(words)(V3_RECORDS, *(getattr(words, n) for n in (
         "geometry", "colour", "origin", "levels", "sh_degree", "saturated", "model_index"))))
 
 
@@ -262,14 +262,14 @@ def test_levels_in_use_are_held(coded):
     for level in range(bound + 1, 4):
         assert np.array_equal(opacity[:, level], opacity[:, bound]) and np.array_equal(dc[:, level], dc[:, bound])
     assert levels_held(bound == 3) > bound
-    strong = strongest(V3, words.geometry)
+    strong = strongest(V3_RECORDS, words.geometry)
     assert np.array_equal(strong, decoded_opacity(words.compact.geometry["opacity"]))
 
 
 def test_what_was_decoded_is_encoded_again_without_loss(coded):
     _, words = coded
-    again, lost = encode(V3, words.chunks, words.geometry, words.colour, 3)
-    for first, second in zip(decode(V3, words.chunks, again, 3), (words.geometry, words.colour), strict=True):
+    again, lost = encode(V3_RECORDS, words.chunks, words.geometry, words.colour, 3)
+    for first, second in zip(decode(V3_RECORDS, words.chunks, again, 3), (words.geometry, words.colour), strict=True):
         for name in first.dtype.names:
             same = first[name] == second[name]
             assert same.all() or (name == "quat" and same.mean() > 0.99), name
@@ -278,19 +278,19 @@ def test_what_was_decoded_is_encoded_again_without_loss(coded):
 
 def test_opacity_codes():
     raw = np.arange(F.log2_opacity.raw_min, 7169)
-    code = opacity_codes(V3, raw)
+    code = opacity_codes(V3_RECORDS, raw)
     assert (np.diff(code) >= 0).all() and code[-1] == 479 and code[raw == 0] == 255
     assert code[raw == -8187] == 0 and code[raw == -8186] == 1
     back = decoded_opacity(np.arange(512))
-    assert np.array_equal(opacity_codes(V3, np.minimum(back, F.log2_opacity.raw_max))[1:480], np.arange(1, 480))
+    assert np.array_equal(opacity_codes(V3_RECORDS, np.minimum(back, F.log2_opacity.raw_max))[1:480], np.arange(1, 480))
     above = raw[(raw > 0) & (raw % 32 == 16)]
-    assert ((opacity_codes(V3, above) - 255) % 2 == 0).all()  # ties to even, counted from opacity 1
+    assert ((opacity_codes(V3_RECORDS, above) - 255) % 2 == 0).all()  # ties to even, counted from opacity 1
 
 
 def single(**fields):
     """The words of one splat, with fields of the model replaced."""
     values = {"scale": 1.0, "opacity": 0.5, **fields}
-    return quantise_model(V3, splats((0.0, 0.0, 0.0), **values))
+    return quantise_model(V3_RECORDS, splats((0.0, 0.0, 0.0), **values))
 
 
 @pytest.mark.parametrize("levels", [1, 4])
@@ -298,7 +298,7 @@ def test_a_quaternion_of_zero_turns_nothing(levels):
     model = splats((0, 0, 0), (1, 0, 0), scale=[[1.0, 2.0, 3.0]] * 2, levels=levels)
     model.quats[0] = 0
     model.quats[1] = 1, 0, 0, 0
-    words = quantise_model(V3, model)
+    words = quantise_model(V3_RECORDS, model)
     assert words.geometry["quat"].tolist() == [[8191, 0, 0, 0]] * 2
 
 
@@ -308,7 +308,7 @@ def test_quaternions_with_equal_components(quat, levels):
     """Their codes are the largest there are, and a turn by a half has two components of the root of 1/2."""
     model = splats((0, 0, 0), scale=1.0, levels=levels)
     model.quats[0] = quat
-    got = quantise_model(V3, model).geometry["quat"][0] / 2.0**13
+    got = quantise_model(V3_RECORDS, model).geometry["quat"][0] / 2.0**13
     want = np.array(quat) / np.linalg.norm(quat)
     assert 1 - abs(got @ want) / np.linalg.norm(got) < 2e-6 and abs(np.linalg.norm(got) - 1) < 1e-3
 
@@ -319,7 +319,7 @@ def test_flat_splats_keep_their_plane(levels):
     keeps its scale."""
     thin = (0.0, 2.0**-15.9, 2.0**-16.5, 2.0**-30)
     model = splats(*[(0, 0, 0)] * 4, scale=[[1, 1, axis] for axis in thin], levels=levels)
-    words = quantise_model(V3, model)
+    words = quantise_model(V3_RECORDS, model)
     scale = words.decoded.scale[np.argsort(words.model_index)]
     assert scale[:, :2].tolist() == [[1, 1]] * 4
     assert scale[[0, 3], 2].tolist() == [0, 0]
@@ -338,7 +338,7 @@ def test_the_smallest_scales_of_the_format():
 
 @pytest.mark.parametrize("levels", [1, 4])
 def test_opacity_of_zero_cannot_be_seen(levels):
-    words = quantise_model(V3, splats((0, 0, 0), scale=1.0, opacity=0.0, levels=levels))
+    words = quantise_model(V3_RECORDS, splats((0, 0, 0), scale=1.0, opacity=0.0, levels=levels))
     assert words.chunks["opacity"].tolist() == [0] and words.decoded.opacity.tolist() == [F.log2_opacity.raw_min]
 
 
@@ -347,7 +347,7 @@ def test_amplified_opacity_and_bright_colours_are_held():
     assert words.decoded.opacity.tolist() == [7168] and words.chunks["opacity"].tolist() == [479]
     for colour, raw, clipped in ((3.9, 3.9 * 2048, 0), (-4.5, -8192, 3), (5.0, 8191, 3), (1.5, 3072, 0), (-0.6, -1228.8, 0)):
         model = splats((0, 0, 0), scale=1.0, colour=colour)
-        found = quantise_model(V3, replace(model, sh_rest=np.zeros((1, 3, 3))))
+        found = quantise_model(V3_RECORDS, replace(model, sh_rest=np.zeros((1, 3, 3))))
         assert found.colour["dc"][0, 0] == pytest.approx(raw, abs=4) and found.saturated["dc"] == clipped
 
 
@@ -355,9 +355,9 @@ def test_amplified_opacity_and_bright_colours_are_held():
 def test_without_harmonics_base_colours_beyond_black_and_white_cost_no_range(levels):
     """A colour of 0.5 beside channels that are clamped anyway keeps its precision. What is clamped stays beyond the limits."""
     model = splats((0, 0, 0), scale=1.0, colour=(0.5, -3.0, 0.25), levels=levels)
-    words = quantise_model(V3, model)
+    words = quantise_model(V3_RECORDS, model)
     assert words.compact.colour["dc_range"].tolist() == [0] and words.colour["dc"][0, :3].tolist() == [1024, 0, 512]
-    bright = quantise_model(V3, splats((0, 0, 0), scale=1.0, colour=(0.5, 3.5, 1.0), levels=levels))
+    bright = quantise_model(V3_RECORDS, splats((0, 0, 0), scale=1.0, colour=(0.5, 3.5, 1.0), levels=levels))
     assert bright.colour["dc"][0, 0] == 1024 and bright.colour["dc"][0, 1] >= 4092
     assert F.colour.raw_max == (4092 + 2) // 4
 
@@ -367,7 +367,7 @@ def test_the_largest_harmonics_are_clipped_and_counted():
     model = GaussianModel(**{name: getattr(model, name) for name in (
         "means", "log_scales", "quats", "opacity", "sh_dc", "quality_bound")}, sh_rest=np.zeros((1, 15, 3)))
     model.sh_rest[0, 0, 0], model.sh_rest[0, 1, 1], model.sh_rest[0, 4, 2] = 1.999, -2.0, 1.9
-    words = quantise_model(V3, model)
+    words = quantise_model(V3_RECORDS, model)
     assert words.colour["rest"][0, 0] == 63 << 5 and words.colour["rest"][0, 4] == -2048
     assert words.colour["rest"][0, 14] == 15 << 7
     assert words.saturated["harmonics"] == 1  # 1.9 is 15.2 steps, 1.999 is 63.97: only this rounds beyond the codes
@@ -375,7 +375,7 @@ def test_the_largest_harmonics_are_clipped_and_counted():
 
 @pytest.mark.parametrize("degree", range(4))
 def test_bands_beyond_the_model_are_zero(degree):
-    words = quantise_model(V3, random_model(np.random.default_rng(2), 100, levels=4, sh=degree)).compact
+    words = quantise_model(V3_RECORDS, random_model(np.random.default_rng(2), 100, levels=4, sh=degree)).compact
     assert (words.harmonics is None) == (degree == 0)
     for band in range(degree, 3) if degree else ():
         assert not words.harmonics[f"degree_{band + 1}"].any() and not words.harmonics["exponent"][:, band].any()
@@ -387,10 +387,10 @@ def test_scale_codes_reach_sixteen_octaves():
 
 def test_encoding_is_the_same_whatever_the_levels_above_the_bound_hold():
     model = random_model(np.random.default_rng(3), 200, levels=4, sh=0)
-    base = quantise_model(V3, model)
+    base = quantise_model(V3_RECORDS, model)
     unused = np.arange(4) >= model.quality_bound[:, None]
     model.opacity[unused], model.sh_dc[unused] = 100.0, 50.0
-    other = quantise_model(V3, model)
+    other = quantise_model(V3_RECORDS, model)
     rows = np.argsort(base.model_index), np.argsort(other.model_index)
     assert np.array_equal(base.compact.geometry_bytes(), other.compact.geometry_bytes()) or len(rows) == 2
     for name in ("opacity", "dc", "dc_range"):
@@ -399,17 +399,17 @@ def test_encoding_is_the_same_whatever_the_levels_above_the_bound_hold():
 
 def test_effects_change_compact_words_as_wide_ones():
     """Dropped and added harmonics, and levels like the first: bytes and words stay those of one another."""
-    words = quantise_model(V3, random_model(np.random.default_rng(4), 300, levels=4, sh=2))
+    words = quantise_model(V3_RECORDS, random_model(np.random.default_rng(4), 300, levels=4, sh=2))
     for degree, present in ((0, False), (1, True), (2, True), (0, True)):
         packed = compact.with_sh_degree(words.compact, degree, present)
         assert (packed.harmonics is not None) == present
-        _, colour = decode(V3, words.chunks, packed, degree)
+        _, colour = decode(V3_RECORDS, words.chunks, packed, degree)
         kept = 3 * (0, 3, 8)[degree]
         assert np.array_equal(colour["dc"], words.colour["dc"])
         if degree:
             assert np.array_equal(colour["rest"][:, :kept], words.colour["rest"][:, :kept])
     first = compact.with_first_level(words.compact)
-    geometry, colour = decode(V3, words.chunks, first, 2)
+    geometry, colour = decode(V3_RECORDS, words.chunks, first, 2)
     assert (geometry["log2_opacity"] == words.geometry["log2_opacity"][:, :1]).all()
     assert (colour["dc"].reshape(-1, 4, 3) == words.colour["dc"].reshape(-1, 4, 3)[:, :1]).all()
     assert np.array_equal(decoded_opacity(first.geometry["opacity"]), geometry["log2_opacity"][:, 0])

@@ -8,7 +8,7 @@ import pytest
 from golden.host.image_file import image_bytes, read_image
 from golden.host.memory_image import memory_image
 from golden.msv2_ref import pipeline
-from spec.config import CONFIGS, PAPER, TINY, V3
+from spec.config import MACHINES, PAPER, TINY, V3, V3_RECORDS
 from spec.errors import InputError
 from spec.images import HEAD, IMAGE_VERSION
 from tests.helpers.golden_samples import random_model, view
@@ -23,7 +23,7 @@ def image_of(config):
 
 @pytest.fixture(scope="module")
 def packed():
-    return image_bytes(image_of(V3), SETTINGS)
+    return image_bytes(image_of(V3_RECORDS), SETTINGS)
 
 
 def changed(data, word, value):
@@ -34,7 +34,8 @@ def at(name):
     return HEAD.index(name)
 
 
-@pytest.mark.parametrize("config", [TINY, PAPER, V3, V3.with_(records="wide")], ids=["tiny", "paper", "v3", "v3 wide"])
+@pytest.mark.parametrize("config", [TINY, PAPER, V3, V3_RECORDS, V3_RECORDS.with_(records="wide")],
+                         ids=["tiny", "paper", "v3", "v3_records", "wide"])
 def test_what_is_written_is_read_back(config):
     image = image_of(config)
     found = read_image(config, image_bytes(image, SETTINGS))
@@ -52,10 +53,11 @@ def test_what_is_written_is_read_back(config):
     ("v3", "paper", "it holds compact records in chunks, and config 'paper' reads wide records"),
     ("paper", "v3", "it holds wide records, and config 'v3' reads compact records in chunks"),
     ("wide", "v3", "it holds wide records in chunks, and config 'v3' reads compact records in chunks"),
+    ("v3_records", "v3", "it was made for a machine with fingerprint 0x"),
     ("paper", "tiny", "it was made for a machine with fingerprint 0x"),
 ])
 def test_another_machines_image_is_refused(made, read, said):
-    machines = CONFIGS | {"wide": V3.with_(records="wide")}
+    machines = MACHINES | {"wide": V3_RECORDS.with_(records="wide")}
     with pytest.raises(InputError, match=f"^x.img is not accepted: {said}"):
         read_image(machines[read], image_bytes(image_of(machines[made]), SETTINGS), "x.img")
 
@@ -67,18 +69,18 @@ def test_another_machines_image_is_refused(made, read, said):
     ("memory", 64, "or its 64 bytes of memory")])
 def test_a_wrong_word_is_named(packed, word, value, said):
     with pytest.raises(InputError, match=said):
-        read_image(V3, changed(packed, at(word), value))
+        read_image(V3_RECORDS, changed(packed, at(word), value))
 
 
 @pytest.mark.parametrize("size", [0, 1, 3])
 def test_a_file_without_a_magic_number_is_refused(packed, size):
     with pytest.raises(InputError, match=f"not {size} bytes"):
-        read_image(V3, packed[:size])
+        read_image(V3_RECORDS, packed[:size])
 
 
 def test_a_file_that_is_cut_off_is_refused(packed):
     tables = 4 * (len(HEAD) + 2 * len(SETTINGS) + 3 * 4)
     for size in (8, 40, 4 * len(HEAD), tables - 4, tables, len(packed) - 1):
         with pytest.raises(InputError, match=r"cut off|are beyond"):
-            read_image(V3, packed[:size])
-    assert read_image(V3, packed).head["segments"] == 4
+            read_image(V3_RECORDS, packed[:size])
+    assert read_image(V3_RECORDS, packed).head["segments"] == 4

@@ -6,7 +6,7 @@ import pytest
 from golden.host.memory_image import gaussian_bytes
 from golden.host.order import CANDIDATES, LARGE_SHARE, SPATIAL, Candidate, contracted, memory_order, morton
 from golden.host.quantise import quantise_model
-from spec.config import PAPER, V3
+from spec.config import PAPER, V3_RECORDS
 from spec.records import gaussian_colour, gaussian_geometry
 from tests.helpers.golden_samples import random_model
 
@@ -67,7 +67,7 @@ def test_the_files_order_is_kept_where_nothing_sorts():
 
 
 @pytest.mark.parametrize(
-    "config", [V3, V3.with_(records="wide"), PAPER.with_(order="spatial")], ids=["compact", "wide", "plain"])
+    "config", [V3_RECORDS, V3_RECORDS.with_(records="wide"), PAPER.with_(order="spatial")], ids=["compact", "wide", "plain"])
 def test_no_permutation_of_the_model_changes_a_byte(config):
     """Although a third of the points coincide with others in place, in geometry, or in everything but one bit of colour."""
     model, rng = model_of(900), np.random.default_rng(0)
@@ -100,7 +100,7 @@ def test_coincident_points_are_ordered_by_their_bits():
 
 def test_indices_lead_back_to_the_model():
     model = model_of(300)
-    words, plain = quantise_model(V3.with_(records="wide"), model), quantise_model(PAPER, model)
+    words, plain = quantise_model(V3_RECORDS.with_(records="wide"), model), quantise_model(PAPER, model)
     assert np.array_equal(words.geometry, plain.geometry[words.model_index])
     assert np.array_equal(words.colour, plain.colour[words.model_index])
     assert words.in_model(7) == words.model_index[7] and words.in_model([[1], [2]]).shape == (2, 1)
@@ -110,7 +110,8 @@ def test_indices_lead_back_to_the_model():
 def test_the_machines_order_is_the_studys_winner():
     assert CANDIDATES["big+blocks"] is SPATIAL
     geometry, colour, sh = wide(model_of(400))
-    assert np.array_equal(quantise_model(V3, model_of(400)).model_index, memory_order(PAPER, geometry, colour, sh, SPATIAL))
+    found = quantise_model(V3_RECORDS, model_of(400)).model_index
+    assert np.array_equal(found, memory_order(PAPER, geometry, colour, sh, SPATIAL))
 
 
 @pytest.mark.parametrize(("place", "code"), [
@@ -130,5 +131,5 @@ def test_contracted_coordinates_stay_in_their_cube():
 
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_small_models_have_an_order(count):
-    words = quantise_model(V3, model_of(count, sh=3))
+    words = quantise_model(V3_RECORDS, model_of(count, sh=3))
     assert len(words.model_index) == len(words.geometry) == len(words.colour) == count

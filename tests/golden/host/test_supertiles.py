@@ -15,7 +15,7 @@ from golden.msv2_ref.frame_memory import list_lengths
 from golden.msv2_ref.pipeline import render
 from golden.render import main
 from golden.scenes.gaze import Display, FoveationMap, no_foveation
-from spec.config import SUPERTILES, TINY_SUPERTILES, V3
+from spec.config import TINY_V3, V3, V3_RECORDS
 from spec.constants import SUPER_X, SUPER_Y
 from spec.effects import with_two_eyes
 from spec.errors import InputError
@@ -23,7 +23,7 @@ from spec.memory import DIRECTORY_BEATS, TILE_SETTING_BYTES, frame_settings, pag
 from tests.helpers.golden_samples import map_for, random_model, view
 
 
-def frame_of(size=(300, 90), config=TINY_SUPERTILES, foveation: FoveationMap | None = None, points=300):
+def frame_of(size=(300, 90), config=TINY_V3, foveation: FoveationMap | None = None, points=300):
     camera = view(*size)
     model = random_model(np.random.default_rng(7), points, 4)
     return render(model, camera, config=config, foveation=foveation or map_for(camera, (0.2, 0.3), 4))
@@ -44,8 +44,8 @@ def every_tile_its_own(width: int, height: int) -> FoveationMap:
 def test_the_table_of_super_tiles(size):
     """Every place by the text of `spec.memory`, and no place twice."""
     frame = frame_of(size, foveation=every_tile_its_own(*size))
-    r, record = frame.registers, tile_setting(TINY_SUPERTILES)
-    table = supertile_bytes(TINY_SUPERTILES, r).reshape(-1, TILE_SETTING_BYTES)
+    r, record = frame.registers, tile_setting(TINY_V3)
+    table = supertile_bytes(TINY_V3, r).reshape(-1, TILE_SETTING_BYTES)
     columns, rows = -(-r.tiles_x // SUPER_X), -(-r.tiles_y // SUPER_Y)
     assert len(table) == 16 * columns * rows
     for n, entry in enumerate(table):
@@ -64,15 +64,15 @@ def test_regions_and_settings():
     image = image_of(frame)
     assert list(image.regions) == [n for n in REGIONS if n not in ("views", "target_tiles", "target_frame")]
     assert all(a.end < b.base for a, b in pairwise(image.regions.values()))
-    assert image.regions["directory"].beats == TINY_SUPERTILES.list_heads * DIRECTORY_BEATS
+    assert image.regions["directory"].beats == TINY_V3.list_heads * DIRECTORY_BEATS
     assert image.regions["supertiles"].beats == len(image.contents["supertiles"]) == 4 * len(frame.bounds.first[1:])
-    fields = {f.name for f in frame_settings(TINY_SUPERTILES).fields}
+    fields = {f.name for f in frame_settings(TINY_V3).fields}
     assert fields == image.settings.keys() and not fields & {"views_base", "view_shift"}
     assert image.settings["supertiles_base"] == image.regions["supertiles"].base
 
 
 def test_what_lies_in_memory_is_that_of_lists_by_tile_but_for_the_table():
-    frame, other = (frame_of((60, 40), config) for config in (SUPERTILES, V3))
+    frame, other = (frame_of((60, 40), config) for config in (V3, V3_RECORDS))
     mine, theirs = image_of(frame), image_of(other)
     assert mine.contents.keys() - theirs.contents.keys() == {"supertiles"}
     assert all(np.array_equal(mine.contents[name], rows) for name, rows in theirs.contents.items())
@@ -82,25 +82,25 @@ def test_room_for_lists_is_that_of_the_pairs():
     frame = frame_of(points=900)
     lengths = list_lengths(frame)
     assert np.array_equal(lengths, np.diff(frame.pairs.start)) and page_beats(lengths) > 8 * len(lengths)
-    tiles = frame_of(points=900, config=V3)
+    tiles = frame_of(points=900, config=V3_RECORDS)
     assert np.array_equal(list_lengths(tiles), np.diff(tiles.entries.start))
 
 
 def test_two_eyes_are_refused_by_the_name_of_a_machine_that_has_them(tmp_path):
-    message = r"^two eyes are not accepted: config 'supertiles' has lists by super-tile .*; config 'paper' renders two$"
+    message = r"^two eyes are not accepted: config 'v3' has lists by super-tile .*; config 'paper' renders two$"
     with pytest.raises(InputError, match=message):
-        with_two_eyes(SUPERTILES)
-    assert with_two_eyes(V3).stereo
+        with_two_eyes(V3)
+    assert with_two_eyes(V3_RECORDS).stereo
     with pytest.raises(InputError, match=r"^two eyes are not accepted: .*; config 'paper' renders two$"):
-        main(["embedded", "--config", "v3", "--set", "lists=supertile", "--stereo", "--out", str(tmp_path / "x")])
+        main(["embedded", "--config", "v3", "--stereo", "--out", str(tmp_path / "x")])
     with pytest.raises(InputError, match="`paper` renders two eyes"):
-        main(["embedded", "--config", "v3", "--set", "lists=supertile", "--set", "stereo=true", "--out", str(tmp_path / "x")])
+        main(["embedded", "--config", "v3", "--set", "stereo=true", "--out", str(tmp_path / "x")])
     assert not list(tmp_path.iterdir())
 
 
 def test_a_frame_of_super_tiles_through_the_command_line(tmp_path):
-    for name, lists in (("a", "tile"), ("b", "supertile")):
-        main(["embedded", "--config", "v3", "--set", f"lists={lists}", "--size", "96x54", "--out", str(tmp_path / name)])
+    for name, config in (("a", "v3_records"), ("b", "v3")):
+        main(["embedded", "--config", config, "--size", "96x54", "--out", str(tmp_path / name)])
     pictures = [(tmp_path / name / "frame.png").read_bytes() for name in "ab"]
     assert pictures[0] == pictures[1]
     tiles, supertiles = (json.loads((tmp_path / name / "stats.json").read_text()) for name in "ab")
@@ -114,6 +114,6 @@ def test_a_frame_of_super_tiles_through_the_command_line(tmp_path):
 def test_more_chunks_than_their_number_can_hold_are_refused(monkeypatch):
     monkeypatch.setattr(quantise, "CHUNK_BITS", 2)
     model = random_model(np.random.default_rng(0), 600)
-    assert len(quantise.quantise_model(V3, model).chunks) > 4
+    assert len(quantise.quantise_model(V3_RECORDS, model).chunks) > 4
     with pytest.raises(InputError, match=r"chunks of Gaussians are not accepted: 2 bits of a chunk's number take 4"):
-        quantise.quantise_model(SUPERTILES, model)
+        quantise.quantise_model(V3, model)

@@ -15,12 +15,12 @@ from golden.msv2_ref.tile_merge import tile_groups
 from golden.scenes.embedded.splats import cached_embedded_model
 from golden.scenes.embedded.views import embedded_cameras
 from golden.scenes.levels import smfr_levels
-from spec.config import SUPERTILES, TINY_SUPERTILES
+from spec.config import TINY_V3, V3
 from spec.records import frame_lists
 from spec.supertiles import BUCKET_PAIRS, BUCKETS
 from tests.helpers.golden_samples import map_for, random_model, view
 
-KEYS = TINY_SUPERTILES.formats.depth_key
+KEYS = TINY_V3.formats.depth_key
 EVERY = 16
 """Pairs between two bounds here, so that small frames have many."""
 
@@ -54,7 +54,7 @@ def as_lists(bounds: Bounds) -> list[list[int]]:
 def test_the_next_bounds_are_those_of_the_text(seed):
     rng = np.random.default_rng(seed)
     start, keys = random_pairs(rng, int(rng.integers(1, 30)), 400)
-    config = TINY_SUPERTILES.with_(list_heads=int(rng.choice([30, 64, 128])))
+    config = TINY_V3.with_(list_heads=int(rng.choice([30, 64, 128])))
     every = int(rng.choice([1, 5, EVERY, 2048]))
     bounds = next_bounds(config, start, keys, every)
     assert as_lists(bounds) == bounds_by_the_text(start, keys, frame_lists(config), every)
@@ -65,13 +65,13 @@ def test_the_first_key_is_never_a_bound():
     keys = np.arange(5000)
     n = BUCKET_PAIRS
     for count, wanted in ((0, []), (1, []), (n, []), (n + 1, [n]), (2 * n, [n]), (2 * n + 1, [n, 2 * n])):
-        assert as_lists(next_bounds(SUPERTILES, np.array([0, count]), keys[:count])) == [wanted]
+        assert as_lists(next_bounds(V3, np.array([0, count]), keys[:count])) == [wanted]
     many = np.arange((BUCKETS + 8) * BUCKET_PAIRS)
-    assert as_lists(next_bounds(SUPERTILES, np.array([0, len(many)]), many)) == [[BUCKET_PAIRS * n for n in range(1, BUCKETS)]]
+    assert as_lists(next_bounds(V3, np.array([0, len(many)]), many)) == [[BUCKET_PAIRS * n for n in range(1, BUCKETS)]]
 
 
 def test_machines_without_buckets_make_no_bounds():
-    config = TINY_SUPERTILES.with_(buckets=False)
+    config = TINY_V3.with_(buckets=False)
     assert next_bounds(config, np.array([0, 100]), np.arange(100), 10).lists == 1
     with pytest.raises(ValueError, match=r"^bounds must be none in a machine without buckets, not 1$"):
         check_bounds(config, Bounds(1, np.array([0]), np.array([5])), 1)
@@ -84,14 +84,14 @@ def test_machines_without_buckets_make_no_bounds():
     ([0] * (BUCKETS - 1) + [1] * 12, [1] * (BUCKETS + 11), "must leave at most 44 lists, not 45"),
 ])
 def test_bounds_that_no_machine_has_are_refused(supertile, key, message):
-    config = TINY_SUPERTILES.with_(list_heads=BUCKETS + 12)
+    config = TINY_V3.with_(list_heads=BUCKETS + 12)
     with pytest.raises(ValueError, match=message):
         check_bounds(config, Bounds(2, np.array(supertile), np.array(key)), 2)
 
 
 def test_bounds_of_another_frame_size_are_refused():
     with pytest.raises(ValueError, match=r"^bounds must be those of 2 super-tiles, not of 3$"):
-        render(random_model(np.random.default_rng(0), 9), view(200, 20), config=TINY_SUPERTILES, bounds=no_bounds(3))
+        render(random_model(np.random.default_rng(0), 9), view(200, 20), config=TINY_V3, bounds=no_bounds(3))
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -134,8 +134,8 @@ def test_bounds_change_the_order_of_nothing(beta):
     """What leaves the sorter, list by list and group by group, is the same sequence whatever the bounds are: and so are
     batches, visits and pixels."""
     camera = embedded_cameras(240, 136)[2]
-    words = quantise_model(TINY_SUPERTILES, smfr_levels(cached_embedded_model()))
-    options = {"config": TINY_SUPERTILES, "foveation": map_for(camera, (0.4, 0.6), 4), "beta": beta}
+    words = quantise_model(TINY_V3, smfr_levels(cached_embedded_model()))
+    options = {"config": TINY_V3, "foveation": map_for(camera, (0.4, 0.6), 4), "beta": beta}
     frame = render(words, camera, **options)
     wanted, grouped = frame.pairs, set()
     for name, bounds in all_bounds(frame).items():
@@ -160,7 +160,7 @@ def test_bounds_change_the_order_of_nothing(beta):
 
 
 def test_lists_of_a_super_tile_follow_each_other_and_the_last_one_ends_it():
-    frame = render(random_model(np.random.default_rng(1), 600), view(128, 64), config=TINY_SUPERTILES)
+    frame = render(random_model(np.random.default_rng(1), 600), view(128, 64), config=TINY_V3)
     bounds = all_bounds(frame)["good"]
     groups = supertiles.list_groups(frame.config, frame.pairs, bounds, 1)
     assert np.array_equal(np.flatnonzero(groups["ends"]), bounds.first[1:] - 1)
@@ -172,7 +172,7 @@ def test_lists_of_a_super_tile_follow_each_other_and_the_last_one_ends_it():
 
 def test_good_bounds_leave_lists_of_about_equal_length():
     """But for pairs of equal keys, and the last list, which has what is left."""
-    frame = render(random_model(np.random.default_rng(1), 1500), view(128, 64), config=TINY_SUPERTILES)
+    frame = render(random_model(np.random.default_rng(1), 1500), view(128, 64), config=TINY_V3)
     bounds = next_bounds(frame.config, frame.pairs.start, frame.pairs.depth_key, 64)
     counts = supertiles.list_counts(frame.pairs, bounds)
     assert np.bincount(bounds.supertile).max() > 5 and counts.max() <= 2 * 64 < np.diff(frame.pairs.start).max()
@@ -181,15 +181,15 @@ def test_good_bounds_leave_lists_of_about_equal_length():
 def test_a_frame_follows_another(monkeypatch):
     """It has the bounds of the frame before, unless that had another number of super-tiles."""
     monkeypatch.setattr(batches, "next_bounds", lambda config, start, key: next_bounds(config, start, key, EVERY))
-    words = quantise_model(TINY_SUPERTILES, random_model(np.random.default_rng(1), 600))
+    words = quantise_model(TINY_V3, random_model(np.random.default_rng(1), 600))
     camera = view(128, 64)
-    first, second = (render(words, c, config=TINY_SUPERTILES) for c in (camera, replace(camera, fx=45.0)))
+    first, second = (render(words, c, config=TINY_V3) for c in (camera, replace(camera, fx=45.0)))
     after = batches.following(second, first, None)
-    bounds = next_bounds(TINY_SUPERTILES, first.pairs.start, first.pairs.depth_key, EVERY)
-    wanted = render(words, replace(camera, fx=45.0), config=TINY_SUPERTILES, bounds=bounds)
+    bounds = next_bounds(TINY_V3, first.pairs.start, first.pairs.depth_key, EVERY)
+    wanted = render(words, replace(camera, fx=45.0), config=TINY_V3, bounds=bounds)
     assert len(after.bounds.key) > 5 and np.array_equal(after.bounds.key, wanted.bounds.key)
     assert np.array_equal(after.groups, wanted.groups) and len(after.groups) > len(second.groups)
-    other = render(words, view(300, 64), config=TINY_SUPERTILES)
+    other = render(words, view(300, 64), config=TINY_V3)
     assert batches.following(other, first, None).bounds.lists == len(other.pairs.start) - 1
     assert batches.following(second, after, None).bounds.lists == second.bounds.lists + len(
-        next_bounds(TINY_SUPERTILES, second.pairs.start, second.pairs.depth_key, EVERY).key)
+        next_bounds(TINY_V3, second.pairs.start, second.pairs.depth_key, EVERY).key)

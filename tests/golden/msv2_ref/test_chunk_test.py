@@ -19,7 +19,7 @@ from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveatio
 from golden.scenes.model import GaussianModel
 from msv2.cases.makers import splats, view
 from spec.chunks import CHUNK, SCALE_TOP_BITS, chunk_header, sigma_significands
-from spec.config import V3, AcceleratorConfig
+from spec.config import V3_RECORDS, AcceleratorConfig
 from spec.constants import TILE
 from tb.top.check import expected_events
 
@@ -27,9 +27,10 @@ SLOW = [HealthCheck.too_slow, HealthCheck.data_too_large]
 QUICK = settings(max_examples=40, derandomize=True, deadline=None, database=None, suppress_health_check=SLOW)
 LONG = settings(QUICK, max_examples=1500)
 
-WIDE = V3.with_(records="wide")
+WIDE = V3_RECORDS.with_(records="wide")
 MACHINES = {
-    "compact": V3, "wide": WIDE, "no support": WIDE.with_(support_sigma=None), "narrow support": V3.with_(support_sigma=0.5)}
+    "compact": V3_RECORDS, "wide": WIDE, "no support": WIDE.with_(support_sigma=None),
+    "narrow support": V3_RECORDS.with_(support_sigma=0.5)}
 
 
 def turned(rng: np.random.Generator) -> np.ndarray:

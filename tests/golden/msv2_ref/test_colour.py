@@ -13,13 +13,13 @@ from golden.msv2_ref.pipeline import render
 from golden.msv2_ref.projection import projected_splats
 from golden.msv2_ref.tile_test import tile_test
 from spec import harmonics
-from spec.config import DEFAULT, PAPER, V3
+from spec.config import PAPER, V3_RECORDS
 from spec.formats import SQ
 from spec.harmonics import DIRECTION_SCALE, SEED_FRAC_BITS, SEED_INDEX_BITS, basis_beyond_dc
 from spec.records import gaussian_colour, surviving_splat
 from tests.helpers.golden_samples import map_for, random_model, turned_view
 
-N = DEFAULT.formats
+N = PAPER.formats
 ONE = 1 << N.sh_basis.frac_bits
 
 
@@ -30,7 +30,7 @@ def directions(count: int, seed: int = 0) -> np.ndarray:
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
-def colours(offset: np.ndarray, rest: np.ndarray, dc: int = 0, config=DEFAULT) -> np.ndarray:
+def colours(offset: np.ndarray, rest: np.ndarray, dc: int = 0, config=PAPER) -> np.ndarray:
     """(N, 3) raw colours at level 1 of survivors at these offsets; rest (45,) raw, for all."""
     survivors = np.zeros(len(offset), surviving_splat(config).dtype)
     survivors["offset"], survivors["levels"] = config.formats.view.quantise(offset), 1
@@ -59,7 +59,7 @@ def test_more_bits_gain_nothing():
     assert 0 < exact.min() and exact.max() < 1.99
     errors = {}
     for bits in (12, 13, 18):
-        config = DEFAULT.with_(formats=replace(N, sh_basis=SQ(0, bits)))
+        config = PAPER.with_(formats=replace(N, sh_basis=SQ(0, bits)))
         got = N.colour.to_float(colours(unit * 3.7, rest, 1 << N.sh_dc.frac_bits, config))
         errors[bits] = np.sqrt(np.mean((got - exact) ** 2))
     assert N.sh_basis.frac_bits == 13
@@ -113,7 +113,7 @@ def test_formats_hold_every_direction():
     assert together < 4.3 and 2 * (together + 15 * slack) + 4 < 2.0 ** harmonics.sum_format(N).int_bits
 
 
-@pytest.mark.parametrize("config", [PAPER, V3], ids=lambda config: config.name)
+@pytest.mark.parametrize("config", [PAPER, V3_RECORDS], ids=lambda config: config.name)
 @pytest.mark.parametrize(("sh", "levels"), [(0, 1), (1, 4), (2, 3), (3, 4)])
 def test_the_units_views_are_the_arrays(sh, levels, config):
     camera = turned_view(160, 120)

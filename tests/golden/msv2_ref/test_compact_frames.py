@@ -9,10 +9,10 @@ from golden.oracle.render import render as oracle
 from golden.scenes.embedded.splats import cached_embedded_model
 from golden.scenes.embedded.views import embedded_cameras
 from golden.scenes.levels import smfr_levels
-from spec.config import PAPER, V3
+from spec.config import PAPER, V3_RECORDS
 from tests.helpers.golden_samples import map_for
 
-WIDE = V3.with_(records="wide")
+WIDE = V3_RECORDS.with_(records="wide")
 
 MEAN_SHIFT = 4e-4
 """A tenth of a step of 8-bit colour. Coarse base colours lie on a grid that the colour unit does not round, and so lack the
@@ -31,7 +31,7 @@ def frames(request, model):
     camera = embedded_cameras(240, 136)[view]
     foveation = map_for(camera, gaze, 4)
     images = {name: np.clip(render(model, camera, config=config, foveation=foveation).image, 0, 1)
-              for name, config in (("paper", PAPER), ("wide", WIDE), ("compact", V3))}
+              for name, config in (("paper", PAPER), ("wide", WIDE), ("compact", V3_RECORDS))}
     return images | {"oracle": np.clip(oracle(model, camera, foveation=foveation, weights="plane").image, 0, 1)}
 
 
@@ -55,9 +55,9 @@ def test_no_mean_is_shifted(frames):
 def test_the_files_order_does_not_change_a_pixel(model):
     camera = embedded_cameras(120, 68)[0]
     foveation = map_for(camera, (0.5, 0.5), 4)
-    first = render(model, camera, config=V3, foveation=foveation)
+    first = render(model, camera, config=V3_RECORDS, foveation=foveation)
     shuffled = model.select(np.random.default_rng(0).permutation(len(model)))
-    second = render(shuffled, camera, config=V3, foveation=foveation)
+    second = render(shuffled, camera, config=V3_RECORDS, foveation=foveation)
     assert np.array_equal(first.image, second.image) and np.array_equal(first.entries.splat, second.entries.splat)
     assert first.chunks_skipped == second.chunks_skipped > 0
     dumped = first.stage("gaussians")

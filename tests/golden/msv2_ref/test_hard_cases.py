@@ -15,7 +15,7 @@ from golden.metrics.image import psnr_vs
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.projection import FAINT, NEAR, OUTSIDE, VISIBLE
 from golden.oracle.render import render as oracle
-from spec.config import DEFAULT
+from spec.config import PAPER_SMALL
 from spec.constants import EXPONENT_SCALE, LOG2E_HALF, LOW_PASS
 from spec.records import array_splat
 from tests.helpers.array_by_the_text import ArrayByTheText
@@ -152,7 +152,7 @@ def test_13_no_exponent_exceeds_the_opacity():
     means = np.column_stack([rng.uniform(-1, 1, (n, 2)), np.full(n, 2.0)])
     model = replace(splats(*means, scale=10 ** rng.uniform(-8, 6, (n, 3)), opacity=1.0), quats=rng.normal(size=(n, 4)))
     frame = checked(model, view())
-    record, text = array_splat(DEFAULT), ArrayByTheText(DEFAULT)
+    record, text = array_splat(PAPER_SMALL), ArrayByTheText(PAPER_SMALL)
     tile = np.repeat(np.arange(len(frame.headers)), np.diff(frame.entries.start))
     x, y = np.meshgrid(np.arange(16), np.arange(16))
     highest = []
@@ -253,8 +253,8 @@ def test_27_a_zero_quaternion_counts_as_no_rotation():
 def test_28_quaternions_of_any_length_are_normalised(length):
     model = random_model(np.random.default_rng(2), 100)
     unit = replace(model, quats=model.quats / np.linalg.norm(model.quats, axis=1, keepdims=True))
-    expected = quantise_model(DEFAULT, unit).geometry["quat"]
-    got = quantise_model(DEFAULT, replace(unit, quats=unit.quats * length)).geometry["quat"]
+    expected = quantise_model(PAPER_SMALL, unit).geometry["quat"]
+    got = quantise_model(PAPER_SMALL, replace(unit, quats=unit.quats * length)).geometry["quat"]
     assert np.abs(got - expected).max() <= 1 and (got != expected).mean() < 0.01  # ties of the rounding
     assert np.isfinite(checked(replace(unit, quats=unit.quats * length), view()).image).all()
 

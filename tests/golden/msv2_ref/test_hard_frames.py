@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from golden.metrics.image import max_abs_error, psnr_vs
-from golden.msv2_ref.pipeline import render
 from golden.msv2_ref.projection import VISIBLE
 from golden.msv2_ref.tile_merge import auto_beta
 from golden.oracle.render import render as oracle
@@ -20,6 +19,7 @@ from spec.constants import LOW_PASS
 from spec.errors import InputError
 from tests.helpers.checked_frames import N, checked, coverage
 from tests.helpers.golden_samples import random_model, splats, turned_view, view
+from tests.helpers.paper_frames import render
 
 
 def test_36_equal_depths_go_by_index():

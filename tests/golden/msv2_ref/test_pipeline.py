@@ -11,12 +11,13 @@ from golden import threads as parallel
 from golden.host.quantise import quantise_model
 from golden.metrics.image import psnr_vs
 from golden.msv2_ref.array import render_tiles
-from golden.msv2_ref.pipeline import STAGES, Frame, render
+from golden.msv2_ref.pipeline import STAGES, Frame
 from golden.oracle.render import render as oracle
-from spec.config import DEFAULT, PAPER, TINY
+from spec.config import PAPER, PAPER_SMALL, TINY
 from spec.errors import InputError
 from spec.records import array_splat, gaussian_colour, gaussian_geometry, splat2d, tile_header
 from tests.helpers.golden_samples import map_for, random_model, splats, turned_view, view
+from tests.helpers.paper_frames import render
 
 BACKGROUNDS = [(0, 0, 0), (1, 1, 1), (0.2, 0.7, 0.4), (0, 0, 1)]
 
@@ -55,7 +56,7 @@ def test_depth_is_the_oracles(pair):
     error = np.abs(ours.depth / exact.depth - 1)[valid]
     assert np.percentile(error, 95) < 0.002
     rim = ours.words.geometry["log2_opacity"][:, ours.registers.header[:, 0].max()].max()
-    step = 2.0 ** DEFAULT.formats.log2_opacity.to_float(rim) * np.exp(-DEFAULT.support_sigma**2 / 2)
+    step = 2.0 ** PAPER_SMALL.formats.log2_opacity.to_float(rim) * np.exp(-PAPER_SMALL.support_sigma**2 / 2)
     assert (np.abs(ours.depth - exact.depth)[valid] < 2 * step * ours.registers.depth_far).all()
 
 
@@ -66,7 +67,7 @@ def test_culling_sees_what_the_oracle_sees(pair):
     assert abs(int(reasons[0]) - (len(ours.projected.reason) - sum(exact.culled.values()) + exact.culled["no_tile"])) <= 3
 
 
-@pytest.mark.parametrize("config", [TINY, PAPER, DEFAULT.with_(cores_x=8)], ids=["tiny", "paper", "half"])
+@pytest.mark.parametrize("config", [TINY, PAPER, PAPER_SMALL.with_(cores_x=8)], ids=["tiny", "paper", "half"])
 def test_machines_of_other_sizes_give_the_same_pixels(config):
     assert all(np.array_equal(a, b) for a, b in zip(sample_frame(config=config).pixels, sample_frame().pixels, strict=True))
 
@@ -105,8 +106,9 @@ def test_a_frame_can_be_rendered_from_its_dump():
 def test_every_arrow_fits_its_record():
     frame = sample_frame()
     rows = {
-        gaussian_geometry(DEFAULT): frame.words.geometry, gaussian_colour(DEFAULT, 2): frame.words.colour,
-        splat2d(DEFAULT): frame.splats2d, tile_header(DEFAULT): frame.headers, array_splat(DEFAULT): frame.array_entries,
+        gaussian_geometry(PAPER_SMALL): frame.words.geometry, gaussian_colour(PAPER_SMALL, 2): frame.words.colour,
+        splat2d(PAPER_SMALL): frame.splats2d, tile_header(PAPER_SMALL): frame.headers,
+        array_splat(PAPER_SMALL): frame.array_entries,
     }
     for record, arrow in rows.items():
         assert arrow.dtype == record.dtype and len(arrow)
@@ -120,32 +122,32 @@ def test_every_arrow_fits_its_record():
 
 def test_words_are_as_good_as_the_model():
     model, camera = random_model(np.random.default_rng(1), 200, sh=1), turned_view(64, 48)
-    words = quantise_model(DEFAULT, model)
+    words = quantise_model(PAPER_SMALL, model)
     assert np.array_equal(render(words, camera).image, render(model, camera).image)
 
 
 def test_a_machine_without_depth_or_levels():
     camera, model = turned_view(64, 48), random_model(np.random.default_rng(1), 200)
     full = render(model, camera)
-    flat = render(model, camera, config=DEFAULT.with_(depth=False, levels=1))
+    flat = render(model, camera, config=PAPER_SMALL.with_(depth=False, levels=1))
     assert np.array_equal(flat.image, full.image) and (flat.pixels.depth == 0).all() and full.pixels.depth.any()
 
 
 def test_parameters_beyond_their_format_saturate_and_are_counted():
     model = splats((0, 0, 2), (0, 0, 3), scale=[[0.1] * 3, [1e9] * 3], opacity=[1.0, 200.0], colour=[(9, 0, 0), (0, 0, 0)])
-    words = quantise_model(DEFAULT, model)
+    words = quantise_model(PAPER_SMALL, model)
     assert words.saturated == {"scale": 3, "opacity": 1, "dc": 1, "rest": 0}
-    assert DEFAULT.formats.log2_opacity.to_float(words.geometry["log2_opacity"][:, 0]).tolist() == [0, 7]  # 128 at the most
-    assert (words.geometry["scale"][1] == (1 << DEFAULT.formats.scale.width) - 1).all()
+    assert PAPER_SMALL.formats.log2_opacity.to_float(words.geometry["log2_opacity"][:, 0]).tolist() == [0, 7]  # 128 at the most
+    assert (words.geometry["scale"][1] == (1 << PAPER_SMALL.formats.scale.width) - 1).all()
 
 
 def test_what_does_not_fit_is_refused():
     model = random_model(np.random.default_rng(0), 10, levels=2)
-    for width, height in ((DEFAULT.row_width + 1, 10), (10, DEFAULT.row_width + 1), (0, 10), (10, 0)):
-        with pytest.raises(InputError, match=rf"frame size {width}x{height} .* 1\.\.{DEFAULT.row_width}"):
+    for width, height in ((PAPER_SMALL.row_width + 1, 10), (10, PAPER_SMALL.row_width + 1), (0, 10), (10, 0)):
+        with pytest.raises(InputError, match=rf"frame size {width}x{height} .* 1\.\.{PAPER_SMALL.row_width}"):
             render(model, view(width, height))
     camera = view(64, 48)
     with pytest.raises(InputError, match="3 levels are not accepted"):
         render(model, camera, foveation=map_for(camera, (0.5, 0.5), 3))
     with pytest.raises(InputError, match="2 levels are not accepted"):
-        render(model, camera, config=DEFAULT.with_(levels=1), foveation=map_for(camera, (0.5, 0.5), 2))
+        render(model, camera, config=PAPER_SMALL.with_(levels=1), foveation=map_for(camera, (0.5, 0.5), 2))

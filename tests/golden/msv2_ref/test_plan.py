@@ -18,7 +18,7 @@ from golden.scenes.levels import spread_levels
 from golden.scenes.orbit import orbit_camera
 from golden.scenes.probe import probe, used_sh_degree
 from golden.scenes.request import Request
-from spec.config import DEFAULT, V3
+from spec.config import PAPER_SMALL, V3_RECORDS
 from spec.errors import InputError
 from spec.memory import colour_beats
 from tests.helpers.golden_samples import random_model
@@ -33,7 +33,7 @@ def flat():
     return random_model(np.random.default_rng(5), 400).with_sh_degree(0)
 
 
-def work(model, foveation, effects="auto", *, config=DEFAULT, **asked):
+def work(model, foveation, effects="auto", *, config=PAPER_SMALL, **asked):
     args = SimpleNamespace(**{"effects": effects, "stereo": False, "depth": False} | asked)
     return work_for(args, Request(model, orbit_camera(model, 0, 4, *SIZE), foveation, (0.1, 0.2, 0.3), {}), config)
 
@@ -81,7 +81,7 @@ def test_forced_effects_change_no_bit(flat, effects):
 
 @pytest.mark.parametrize("effects", ["all", BUT_STEREO, "sh", "levels", "levels,blend"])
 @pytest.mark.parametrize("levels", [1, 4])
-@pytest.mark.parametrize("config", [V3, V3.with_(records="wide")], ids=["compact", "wide"])
+@pytest.mark.parametrize("config", [V3_RECORDS, V3_RECORDS.with_(records="wide")], ids=["compact", "wide"])
 def test_forced_effects_change_no_bit_of_models_in_chunks(flat, effects, levels, config):
     """Fine records stay fine and coarse ones coarse; headers and packed records tell the same as the words."""
     model = spread_levels(flat) if levels > 1 else flat
@@ -103,18 +103,18 @@ def test_forced_effects_change_no_bit_of_models_in_chunks(flat, effects, levels,
 def test_compact_records_of_a_lower_degree(degree):
     """Those of a model whose highest harmonics are dropped after packing are those of words that never had them."""
     model = random_model(np.random.default_rng(6), 200, levels=4, sh=3)
-    words = with_sh_degree(quantise_model(V3, model), degree)
-    geometry, colour = compact.decode(V3, words.chunks, words.compact, degree)
+    words = with_sh_degree(quantise_model(V3_RECORDS, model), degree)
+    geometry, colour = compact.decode(V3_RECORDS, words.chunks, words.compact, degree)
     assert np.array_equal(colour, words.colour) and np.array_equal(geometry, words.geometry)
     back = with_sh_degree(words, 3)
     assert back.compact.harmonics is not None and not back.colour["rest"][:, colour["rest"].shape[1] if degree else 0 :].any()
-    assert np.array_equal(compact.decode(V3, back.chunks, back.compact, 3)[1], back.colour)
+    assert np.array_equal(compact.decode(V3_RECORDS, back.chunks, back.compact, 3)[1], back.colour)
 
 
 @pytest.mark.parametrize("effects", ["auto", "sh"])
 def test_harmonics_beyond_the_machines_degree_are_left_out(effects, capsys):
     model = random_model(np.random.default_rng(5), 400, sh=3)
-    low = work(model, no_foveation(DISPLAY), effects, config=DEFAULT.with_(sh_degree=1))
+    low = work(model, no_foveation(DISPLAY), effects, config=PAPER_SMALL.with_(sh_degree=1))
     assert "harmonics up to degree 1" in capsys.readouterr().out
     assert low.config.sh_degree == low.words.sh_degree == 1
     whole, cut = work(model, no_foveation(DISPLAY)), work(model.with_sh_degree(1), no_foveation(DISPLAY))
@@ -147,7 +147,7 @@ def test_a_depth_that_is_asked_for_is_the_same_under_all(flat):
 
 
 def test_neutral_records(flat):
-    words = quantise_model(DEFAULT, random_model(np.random.default_rng(1), 50, sh=3))
+    words = quantise_model(PAPER_SMALL, random_model(np.random.default_rng(1), 50, sh=3))
     lower, back = with_sh_degree(words, 1), with_sh_degree(with_sh_degree(words, 1), 3)
     assert lower.sh_degree == 1 and np.array_equal(lower.colour["rest"], words.colour["rest"][:, :9])
     assert np.array_equal(back.colour["rest"][:, :9], lower.colour["rest"]) and not back.colour["rest"][:, 9:].any()

@@ -9,16 +9,16 @@ import pytest
 
 from golden.host.quantise import quantise_model
 from golden.host.registers import depth_far, frame_registers
-from golden.msv2_ref.pipeline import render
 from golden.msv2_ref.projection import VISIBLE, culling_constants, projected_splats
 from golden.oracle.harmonics import colour_per_level
 from golden.oracle.project import project
 from golden.scenes.gaze import Display, no_foveation
-from spec.config import DEFAULT
+from spec.config import PAPER_SMALL
 from spec.constants import EXPONENT_SCALE, FRUSTUM_MARGIN, LOW_PASS
 from tests.helpers.golden_samples import SH_C0, map_for, random_model, splats, turned_view, view
+from tests.helpers.paper_frames import render
 
-N = DEFAULT.formats
+N = PAPER_SMALL.formats
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["tame", "wild"])
@@ -27,7 +27,7 @@ def scene(request):
     model = random_model(np.random.default_rng(21), 2000, levels=4, sh=3, wild=request.param)
     camera = turned_view(320, 240)
     frame = render(model, camera)
-    exact, _ = project(model, camera, DEFAULT.support_sigma)
+    exact, _ = project(model, camera, PAPER_SMALL.support_sigma)
     both = frame.projected.reason[exact.index] == VISIBLE
     assert both.mean() > 0.99
     exact = type(exact)(**{name: values[both] for name, values in vars(exact).items()})
@@ -36,7 +36,7 @@ def scene(request):
 
 def test_words_hold_the_model_to_half_an_ulp():
     model = random_model(np.random.default_rng(1), 300, levels=3, sh=2)
-    words = quantise_model(DEFAULT, model)
+    words = quantise_model(PAPER_SMALL, model)
     g, colour = words.geometry, words.colour
     assert np.array_equal(words.origin, np.median(model.means, axis=0))
     relative = model.means - words.origin
@@ -62,13 +62,13 @@ def test_nan_never_gets_into_the_words(field):
     values = getattr(model, field).copy()
     values.flat[3] = np.nan
     with pytest.raises(ValueError, match="NaN"):
-        quantise_model(DEFAULT, replace(model, **{field: values}))
+        quantise_model(PAPER_SMALL, replace(model, **{field: values}))
 
 
 def test_registers_are_the_camera_rounded():
     camera, model = turned_view(200, 100), random_model(np.random.default_rng(2), 100, levels=4)
-    words, foveation = quantise_model(DEFAULT, model), map_for(turned_view(200, 100), (0.4, 0.4), 4)
-    r = frame_registers(DEFAULT, camera, words, foveation, (0.1, 0.5, 1.0))
+    words, foveation = quantise_model(PAPER_SMALL, model), map_for(turned_view(200, 100), (0.4, 0.4), 4)
+    r = frame_registers(PAPER_SMALL, camera, words, foveation, (0.1, 0.5, 1.0))
     half = 2.0**-N.view.sig_bits
     in_pixels = camera.rotation * np.array([[160], [180], [1]])
     assert r.rotation == pytest.approx(in_pixels, rel=half, abs=0)
@@ -124,7 +124,7 @@ def test_boxes_hold_every_list(scene):
 def test_boxes_hold_the_ellipse_and_little_more(scene):
     """The tiles of pixel centres that the factors' own ellipse reaches, from its exact extents; a pixel and 1 % more."""
     _, _, frame, _, _ = scene
-    p, k, r = frame.projected, culling_constants(DEFAULT), frame.registers
+    p, k, r = frame.projected, culling_constants(PAPER_SMALL), frame.registers
     rows = np.flatnonzero(p.reason == VISIBLE)
     l1, l2, l3 = p.conic[rows].T
     limit = np.minimum(frame.words.decoded.opacity[rows] - k.faintest, k.widest) * k.cut_ulp
@@ -155,7 +155,7 @@ def test_depths_and_keys(scene):
 
 def test_projected_splats_are_the_visible_in_order(scene):
     model, camera, frame, _, _ = scene
-    splats = projected_splats(DEFAULT, frame.words, frame.registers)
+    splats = projected_splats(PAPER_SMALL, frame.words, frame.registers)
     rows = np.flatnonzero(frame.projected.reason == VISIBLE)
     assert np.array_equal(splats["index"][:-1], rows) and splats["end"].tolist() == [0] * len(rows) + [1]
     assert np.array_equal(splats["mean2d"][:-1], frame.projected.mean2d[rows])

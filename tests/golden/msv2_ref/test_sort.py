@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from golden.msv2_ref.pipeline import render
 from golden.msv2_ref.projection import VISIBLE
 from golden.msv2_ref.sort import depth_order, sort_chunks
 from golden.msv2_ref.tile_merge import auto_beta, count_tiles, merge_tiles, tile_groups
 from golden.msv2_ref.tile_test import tile_intersections
 from golden.scenes.model import GaussianModel
-from spec.config import DEFAULT, TINY
+from spec.config import PAPER_SMALL, TINY
 from spec.records import chunk_item
 from tests.helpers.golden_samples import map_for, random_model, view
+from tests.helpers.paper_frames import render
 
 CAMERA = view(150, 100)
 DETERMINISTIC = settings(derandomize=True, database=None, deadline=None, max_examples=300)
@@ -121,8 +121,8 @@ def test_negative_beta_is_refused():
 
 
 def test_automatic_beta_is_twice_the_mean_capped_by_the_buffer():
-    assert auto_beta(np.array([0, 10, 0, 30]), DEFAULT) == 40
-    assert auto_beta(np.zeros(4, int), DEFAULT) == 1
+    assert auto_beta(np.array([0, 10, 0, 30]), PAPER_SMALL) == 40
+    assert auto_beta(np.zeros(4, int), PAPER_SMALL) == 1
     assert auto_beta(np.array([10**6]), TINY) == TINY.sort_chunk
 
 
@@ -132,7 +132,7 @@ def test_merging_changes_no_pixel(frame, foveation, beta):
     assert all(np.array_equal(a, b) for a, b in zip(again.pixels, frame.pixels, strict=True))
     assert np.array_equal(again.entries.splat, frame.entries.splat)
     counts = np.diff(frame.entries.start)
-    chosen = auto_beta(counts, DEFAULT) if beta is None else beta
+    chosen = auto_beta(counts, PAPER_SMALL) if beta is None else beta
     assert np.array_equal(again.groups, merge_tiles(counts, frame.registers.tiles_x, chosen))
 
 
@@ -142,7 +142,7 @@ def test_counted_and_grouped_records_are_the_frames(frame, beta):
     tile, *_ = unsorted_stream(frame, rows)
     counts, saturated, outside = count_tiles(np.random.default_rng(0).permutation(tile), len(frame.groups))
     assert np.array_equal(counts, np.diff(frame.entries.start)) and not saturated and not outside
-    groups = tile_groups(DEFAULT, counts, frame.registers.tiles_x, beta)
+    groups = tile_groups(PAPER_SMALL, counts, frame.registers.tiles_x, beta)
     assert np.array_equal(groups["count"], counts) and np.array_equal(groups["tile"], np.arange(len(counts)))
     if beta is None:
         assert np.array_equal(groups["group"], frame.groups)
@@ -175,7 +175,7 @@ def test_sorted_groups_behind_each_other_are_the_frames_lists(frame):
     rows = np.flatnonzero(frame.projected.reason == VISIBLE).astype(np.int32)
     tile, key, index, _ = unsorted_stream(frame, rows)
     arrival = np.lexsort((index, frame.groups[tile]))
-    items = np.zeros(len(tile), chunk_item(DEFAULT).dtype)
+    items = np.zeros(len(tile), chunk_item(PAPER_SMALL).dtype)
     items["tile"], items["depth_key"], items["index"] = tile[arrival], key[arrival], index[arrival]
     items["last"] = np.append(np.diff(frame.groups[items["tile"]]) > 0, True)
     assert np.array_equal(sort_chunks(items)["index"], frame.entries.splat)

@@ -15,17 +15,17 @@ from golden.msv2_ref.pipeline import Frame, render
 from golden.scenes.embedded.splats import cached_embedded_model
 from golden.scenes.embedded.views import embedded_cameras
 from golden.scenes.levels import smfr_levels
-from spec.config import SUPERTILES, TINY, TINY_SUPERTILES, V3
+from spec.config import TINY, TINY_V3, V3, V3_RECORDS
 from spec.constants import SUPER_X, SUPER_Y
 from spec.supertiles import HEADER_WAYS, SEQUENCE_BITS
 from tb.top.check import expected_events
 from tests.helpers.golden_samples import map_for, random_model, splats, turned_view, view
 
-SMALL = TINY_SUPERTILES.with_(batch_places=16)
+SMALL = TINY_V3.with_(batch_places=16)
 """Batches of 13 to 16 places."""
 
 TILES = TINY.with_(name="tiles", order="spatial", chunks=True, records="compact")
-"""TINY_SUPERTILES with lists by tile."""
+"""TINY_V3 with lists by tile."""
 
 
 def random_frame(seed: int, config=SMALL, **options) -> Frame:
@@ -200,7 +200,7 @@ def test_pixels_are_those_of_lists_by_tile(seed):
 def test_the_embedded_scene(gaze):
     model, camera = smfr_levels(cached_embedded_model()), embedded_cameras(240, 136)[2]
     foveation = map_for(camera, gaze, 4)
-    by_tile, frame = (render(model, camera, config=config, foveation=foveation) for config in (V3, SUPERTILES))
+    by_tile, frame = (render(model, camera, config=config, foveation=foveation) for config in (V3_RECORDS, V3))
     assert np.array_equal(by_tile.image, frame.image) and np.array_equal(by_tile.depth, frame.depth, equal_nan=True)
     assert_visits_give_the_pixels(frame)
     assert len(frame.pairs.splat) < len(frame.entries.splat)
@@ -209,12 +209,12 @@ def test_the_embedded_scene(gaze):
 def test_lists_merge_as_tiles_of_one_row():
     """A group may end in the middle of a super-tile, and goes on over the ends of rows of super-tiles."""
     rng = np.random.default_rng(0)
-    frame = render(random_model(rng, 200), view(128, 160), config=TINY_SUPERTILES, beta=1 << 20)
+    frame = render(random_model(rng, 200), view(128, 160), config=TINY_V3, beta=1 << 20)
     assert len(frame.pairs.start) - 1 == 5 and frame.groups.tolist() == [0] * 5
     counts = np.diff(frame.pairs.start)
-    again = render(random_model(np.random.default_rng(0), 200), view(128, 160), config=TINY_SUPERTILES)
+    again = render(random_model(np.random.default_rng(0), 200), view(128, 160), config=TINY_V3)
     beta = round(2 * counts[counts > 0].mean())
-    assert np.array_equal(again.groups, supertiles.merge_lists(TINY_SUPERTILES, counts, beta))
+    assert np.array_equal(again.groups, supertiles.merge_lists(TINY_V3, counts, beta))
 
 
 def test_frames_without_splats():
@@ -256,7 +256,7 @@ def test_saturated_colours_count_once_for_each_place():
     """A splat far brighter than colours can be, over several super-tiles and levels."""
     model = splats((0, 0, 2), scale=3.0, colour=(9, 0, 0), levels=4)
     camera = view(300, 90)
-    frame = render(model, camera, config=TINY_SUPERTILES, foveation=map_for(camera, (0.2, 0.6), 4))
+    frame = render(model, camera, config=TINY_V3, foveation=map_for(camera, (0.2, 0.6), 4))
     places = FrameBatches(frame).places
     assert len(places.pair) > len(frame.pairs.splat) > 3
     assert expected_events(frame)["saturated_colours"] == len(places.pair)

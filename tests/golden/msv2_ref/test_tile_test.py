@@ -9,16 +9,17 @@ import pytest
 
 from golden.msv2_ref import array
 from golden.msv2_ref.colour import splat_colours
-from golden.msv2_ref.pipeline import Frame, render
+from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.projection import OUTSIDE, VISIBLE
 from golden.msv2_ref.sort import depth_order
 from golden.msv2_ref.tile_test import tile_test
 from spec import tables
-from spec.config import DEFAULT, PAPER, AcceleratorConfig
+from spec.config import PAPER, PAPER_SMALL, AcceleratorConfig
 from spec.constants import TILE
 from spec.records import projected_splat
 from tb.culling.tile_test_stimuli import SHAPES, random_splats, splats_of, whole_frame
 from tests.helpers.golden_samples import map_for, random_model, splats, turned_view, view
+from tests.helpers.paper_frames import render
 
 SIZES = [(64, 48), (100, 37), (17, 33), (1, 1), (16, 1), (250, 5)]
 
@@ -79,7 +80,8 @@ def test_no_tile_is_missed_by_needles_giants_and_centres_outside(seed):
 def test_no_tile_is_missed_at_other_supports(support_sigma):
     camera = turned_view(100, 60)
     model = random_model(np.random.default_rng(3), 300, levels=2, wild=True)
-    frame = render(model, camera, config=DEFAULT.with_(support_sigma=support_sigma), foveation=map_for(camera, (0.5, 0.5), 2))
+    config = PAPER_SMALL.with_(support_sigma=support_sigma)
+    frame = render(model, camera, config=config, foveation=map_for(camera, (0.5, 0.5), 2))
     assert_same_picture(frame, with_every_pair(frame))
 
 
@@ -195,7 +197,7 @@ def test_the_units_streams_are_the_frames_entries(obb):
 
 
 def test_a_splat_is_tested_at_the_stronger_of_a_blend_tiles_levels_if_both_use_it():
-    config, splats = DEFAULT, np.zeros(3, projected_splat(DEFAULT).dtype)
+    config, splats = PAPER_SMALL, np.zeros(3, projected_splat(PAPER_SMALL).dtype)
     splats["index"], splats["bound"], splats["mean2d"] = range(3), (0, 1, 1), 8 << config.formats.mean2d.frac_bits
     splats["conic"] = config.formats.conic.quantise(np.array([0.2, 0, 0.2]))
     faint, strong = tables.log2_alpha_min(config.formats) - 1, 0

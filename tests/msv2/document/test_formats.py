@@ -15,7 +15,7 @@ from msv2.document.__main__ import check, write
 from spec import constants
 from spec.chunks import CHUNK_RECORDS
 from spec.compact import COMPACT_RECORDS
-from spec.config import CONFIGS, PAPER, SUPERTILES, V3, NumberFormats
+from spec.config import CONFIGS, PAPER, V3, V3_RECORDS, NumberFormats
 from spec.errors import InputError
 from spec.memory import MEMORY_RECORDS
 from spec.paths import ROOT
@@ -54,11 +54,11 @@ def test_everything_is_on_the_page():
         assert f"### {record.name}: {record.width} bits" in page
         assert all(f"| `{f.name}` |" in page for f in record.fields)
     for make in (*CHUNK_RECORDS, *COMPACT_RECORDS):
-        record = make(V3)
+        record = make(V3_RECORDS)
         assert f"### {record.name}: {record.width} bits" in page
         assert all(f"| `{f.name}` |" in page for f in record.fields)
     for make in SUPERTILE_RECORDS:
-        record = make(SUPERTILES)
+        record = make(V3)
         assert f"### {record.name}: {record.width} bits" in page
         assert all(f"| `{f.name}` |" in page for f in record.fields)
     assert all(f"| `{name}` |" in page for name in vars(constants) if name.isupper())
@@ -77,7 +77,7 @@ def test_bit_ranges_of_each_record_are_contiguous():
             assert section.split("\n")[0].removesuffix(" in all").endswith(f": {ranges[-1][0] + 1} bits")
     makes, larger = (*RECORDS, *MEMORY_RECORDS), (PAPER.with_(order="spatial", chunks=True), PAPER.with_(stereo=True))
     grown = [make for make in makes for config in larger if make(config) != make(PAPER)]
-    changed = sum(formats.layout(make, SUPERTILES) != formats.layout(make, V3) for make in (*makes, *CHUNK_RECORDS))
+    changed = sum(formats.layout(make, V3) != formats.layout(make, V3_RECORDS) for make in (*makes, *CHUNK_RECORDS))
     assert checked == (len(makes) + len(CHUNK_RECORDS) + len(COMPACT_RECORDS) + len(grown) + len(SUPERTILE_RECORDS)
                        + len([list_group]) + changed)
     assert changed >= 3  # SurvivingSplat, FrameSettings, HeaderItem

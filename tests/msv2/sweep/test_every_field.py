@@ -48,7 +48,7 @@ STEREO = (("stereo", True),)
 SPATIAL = (("order", "spatial"),)
 CHUNKS = (*SPATIAL, ("chunks", True))
 COMPACT = (*CHUNKS, ("records", "compact"))
-SUPERTILES = (*COMPACT, ("lists", "supertile"))
+V3 = (*COMPACT, ("lists", "supertile"))
 EFFECTS = {
     "name": Effect("other", "name"),
     "cores_x": Effect("8", "cycles+ area-"),
@@ -77,10 +77,10 @@ EFFECTS = {
     "chunks": Effect("true", "cycles- area+ bytes-", base=SPATIAL),
     "records": Effect("compact", "pixels cycles- bytes-", base=CHUNKS),
     "lists": Effect("supertile", "cycles- bytes-", base=COMPACT),
-    "list_heads": Effect("2048", "area+", base=SUPERTILES),
-    "buckets": Effect("false", "area-", base=SUPERTILES),
-    "header_lines": Effect("16", "area- bytes+", base=SUPERTILES),
-    "batch_places": Effect("64", "cycles+ area-", base=SUPERTILES),
+    "list_heads": Effect("2048", "area+", base=V3),
+    "buckets": Effect("false", "area-", base=V3),
+    "header_lines": Effect("16", "area- bytes+", base=V3),
+    "batch_places": Effect("64", "cycles+ area-", base=V3),
     "formats.chunk": Effect("float6e8b127", "bytes+", base=CHUNKS),
     "formats.position": Effect("float19e8b127", "pixels"),
     "formats.scale": Effect("ufloat11e6b40", "pixels"),

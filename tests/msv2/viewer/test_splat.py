@@ -10,7 +10,7 @@ from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.levels import smfr_levels
 from golden.scenes.orbit import orbit_camera
 from msv2.viewer import splat
-from spec.config import PAPER, V3
+from spec.config import PAPER, V3_RECORDS
 from tests.helpers.golden_samples import ball
 
 
@@ -84,7 +84,7 @@ def test_what_is_shown_can_be_read(frame):
 def test_the_index_is_the_models_own_whatever_the_order_in_memory():
     model = ball()
     camera = orbit_camera(model, 0, 8, 96, 64)
-    for config in (PAPER, V3):
+    for config in (PAPER, V3_RECORDS):
         frame = pipeline.render(model, camera, config=config)
         found = splat.find(frame, 48, 32)
         assert np.allclose(found.position, model.means[found.index], atol=1e-3)

@@ -11,7 +11,7 @@ from amaranth.sim import Simulator
 from golden.msv2_ref.chunk_test import level_bounds
 from rtl.chunks.chunk_test import ChunkTest
 from rtl.chunks.level_bounds import SIDES, LevelBounds
-from spec.config import PAPER, TINY, TINY_SUPERTILES, V3
+from spec.config import PAPER, TINY, TINY_V3, V3_RECORDS
 from tb.chunks import chunk_graph_suite, chunk_test_suite
 from tb.common.exact import problems
 from tests.helpers.rtl_streams import assert_rejected
@@ -19,16 +19,16 @@ from tests.helpers.rtl_streams import assert_rejected
 
 @pytest.fixture(scope="module")
 def played(tmp_path_factory):
-    """The plan for V3 and its outcome."""
-    plan = chunk_test_suite.full_plan(V3, 0)
-    return plan, chunk_test_suite.run_plan(V3, plan, tmp_path_factory.mktemp("v3"))
+    """The plan for V3_RECORDS and its outcome."""
+    plan = chunk_test_suite.full_plan(V3_RECORDS, 0)
+    return plan, chunk_test_suite.run_plan(V3_RECORDS, plan, tmp_path_factory.mktemp("v3_records"))
 
 
 def test_headers_and_counters_are_the_golden_ones(played):
     plan, outcome = played
     assert outcome.failures == {}
     assert outcome.runs == sum(item.run.abort is None for item in plan) and outcome.items > 3000
-    assert len(chunk_test_suite.figures(V3, plan, outcome)) == 2
+    assert len(chunk_test_suite.figures(V3_RECORDS, plan, outcome)) == 2
     counts = [sum(item.observed[name] for item in plan) for name in chunk_test_suite.COUNTERS]
     assert min(counts) > 2000, counts
 
@@ -47,8 +47,8 @@ def test_faults_are_found(played):
 
 
 def test_every_reason_and_every_box_is_the_golden_one(tmp_path):
-    plan = chunk_graph_suite.full_plan(V3, 1)
-    assert chunk_graph_suite.run_plan(V3, plan, tmp_path).failures == {}
+    plan = chunk_graph_suite.full_plan(V3_RECORDS, 1)
+    assert chunk_graph_suite.run_plan(V3_RECORDS, plan, tmp_path).failures == {}
     rows = np.concatenate([item.expected["source"] for item in plan])
     for name in ("behind", "outside_x", "filtered", "nothing", "skipped"):
         assert 50 < rows[name].sum() < len(rows) - 50, name
@@ -56,8 +56,8 @@ def test_every_reason_and_every_box_is_the_golden_one(tmp_path):
 
 @pytest.mark.long
 def test_chunks_keep_their_numbers_with_super_tiles(tmp_path):
-    plan = chunk_test_suite.full_plan(TINY_SUPERTILES, 3)
-    assert chunk_test_suite.run_plan(TINY_SUPERTILES, plan, tmp_path).failures == {}
+    plan = chunk_test_suite.full_plan(TINY_V3, 3)
+    assert chunk_test_suite.run_plan(TINY_V3, plan, tmp_path).failures == {}
     numbers = np.concatenate([item.expected["tested"]["number"] for item in plan])
     assert numbers.max() > 900
 

@@ -12,7 +12,7 @@ from amaranth.sim import Simulator
 from rtl.chunks import decode
 from rtl.float.number import Let
 from spec import compact
-from spec.config import PAPER, SHORT_FORMATS, V3, NumberFormats
+from spec.config import PAPER, SHORT_FORMATS, V3_RECORDS, NumberFormats
 from spec.formats import SQ
 from tests.helpers import compact_by_the_text as text
 
@@ -90,7 +90,7 @@ def test_quaternions_at_corners_and_at_random(coarse: bool):
 def test_the_codes_of_geometry_are_where_the_record_has_them():
     rng, rows, wanted = random.Random(7), [], []
     for coarse in (0, 1) * 30:
-        record, most = compact.compact_geometry(V3, bool(coarse)), (1 << compact.scale_bits(bool(coarse))) - 1
+        record, most = compact.compact_geometry(V3_RECORDS, bool(coarse)), (1 << compact.scale_bits(bool(coarse))) - 1
         row = record.unpack(rng.getrandbits(record.width))
         row["scale"][rng.randrange(3)] = most
         rows.append((record.pack(row) | rng.getrandbits(128 - record.width) << record.width, coarse))
@@ -98,7 +98,7 @@ def test_the_codes_of_geometry_are_where_the_record_has_them():
                        row["largest"], *(q << coarse for q in row["quaternion"]), row["opacity"]])
 
     def codes(let: Let, bits: Value, coarse: Value) -> list[Value]:
-        got = decode.geometry_codes(V3, bits, coarse)
+        got = decode.geometry_codes(V3_RECORDS, bits, coarse)
         return [*got.position, *got.scale, *got.degenerate, got.largest, *got.quaternion, got.opacity]
 
     assert results([unsigned(128), unsigned(1)], codes, rows) == wanted
@@ -106,6 +106,6 @@ def test_the_codes_of_geometry_are_where_the_record_has_them():
 
 def test_formats_that_the_encodings_do_not_assume_are_refused():
     compact.check_formats(PAPER)
-    compact.check_formats(V3.with_(formats=SHORT_FORMATS))
+    compact.check_formats(V3_RECORDS.with_(formats=SHORT_FORMATS))
     with pytest.raises(ValueError, match=r"sh_dc must be SQ2\.11 with compact records, not SQ2\.10"):
-        compact.check_formats(V3.with_(formats=NumberFormats(sh_dc=SQ(2, 10))))
+        compact.check_formats(V3_RECORDS.with_(formats=NumberFormats(sh_dc=SQ(2, 10))))

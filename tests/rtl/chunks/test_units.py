@@ -13,7 +13,7 @@ from rtl.chunks.chunk_reader import ChunkReader
 from rtl.chunks.geometry_decode import GeometryDecode
 from rtl.chunks.header_reader import ChunkHeaderReader
 from spec.chunks import chunk_header, header_item
-from spec.config import PAPER, TINY_SUPERTILES, V3, AcceleratorConfig, NumberFormats
+from spec.config import PAPER, TINY_V3, V3_RECORDS, AcceleratorConfig, NumberFormats
 from spec.formats import SQ, SmallFloat
 from spec.records import gaussian_geometry
 from tb.chunks import decode_suite, reader_suite
@@ -21,14 +21,14 @@ from tb.common.exact import problems
 from tests.helpers.rtl_ports import beats_of, cycles_of, play, words_of
 from tests.helpers.rtl_streams import assert_rejected
 
-N = V3.formats
+N = V3_RECORDS.formats
 
 
 @pytest.fixture(scope="module")
 def decoded(tmp_path_factory):
     """The plan of the decode unit and its outcome."""
-    plan = decode_suite.full_plan(V3, 0)
-    return plan, decode_suite.run_plan(V3, plan, tmp_path_factory.mktemp("decode"))
+    plan = decode_suite.full_plan(V3_RECORDS, 0)
+    return plan, decode_suite.run_plan(V3_RECORDS, plan, tmp_path_factory.mktemp("decode"))
 
 
 @pytest.mark.parametrize("variant", reader_suite.DISTINCT)
@@ -68,7 +68,7 @@ def test_faults_are_found(decoded):
         assert problems(item, replace(recording, outputs={"points": wrong})), name
 
 
-@pytest.mark.parametrize("config", [V3, TINY_SUPERTILES], ids=lambda config: config.name)
+@pytest.mark.parametrize("config", [V3_RECORDS, TINY_V3], ids=lambda config: config.name)
 @pytest.mark.parametrize("late", [0, 60])
 @pytest.mark.parametrize("pauses", [0.0, 0.4])
 def test_headers_come_in_order_and_those_with_an_error_are_left_out(late: int, pauses: float, config: AcceleratorConfig):
@@ -93,7 +93,7 @@ def test_headers_come_in_order_and_those_with_an_error_are_left_out(late: int, p
 
 
 def test_no_chunks_give_only_an_end():
-    dut, item = ChunkHeaderReader(V3), header_item(V3)
+    dut, item = ChunkHeaderReader(V3_RECORDS), header_item(V3_RECORDS)
     moves = play(dut, {"data": []}, {"reads": 0.0, "headers": 0.0}, 30, setup={"chunks_base": 77, "chunks": 0},
                  each=lambda ctx, cycle: ctx.set(dut.start, cycle == 2))
     assert words_of(moves, "headers") == [item.pack({**item.unpack(0), "end": 1})] and not moves["reads"]
@@ -104,7 +104,7 @@ def test_bad_parameters_are_refused():
         assert_rejected(lambda unit=unit: unit("v3"), TypeError, "v3")
     assert_rejected(lambda: GeometryDecode(PAPER), ValueError, "wide")
     long = NumberFormats(position=SmallFloat(20, 10, 127), quaternion=SQ(0, 16))
-    width = gaussian_geometry(V3.with_(formats=long)).width
-    assert_rejected(lambda: ChunkReader(V3.with_(formats=long, records="wide")), ValueError, width)
+    width = gaussian_geometry(V3_RECORDS.with_(formats=long)).width
+    assert_rejected(lambda: ChunkReader(V3_RECORDS.with_(formats=long, records="wide")), ValueError, width)
     with pytest.raises(ValueError, match=r"quaternion must be SQ0\.13 with compact records, not SQ0\.16"):
-        ChunkReader(V3.with_(formats=long))
+        ChunkReader(V3_RECORDS.with_(formats=long))

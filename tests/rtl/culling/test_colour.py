@@ -1,6 +1,6 @@
 """The colour unit: its operator and its protocol in Amaranth's simulator, every bit in Verilator.
 
-PAPER, DEFAULT, units of lower degrees and the trained scenes take a build each: they are long.
+PAPER, PAPER_SMALL, units of lower degrees and the trained scenes take a build each: they are long.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from rtl.culling.schedule import cost, schedule
 from rtl.emit import to_verilog
 from spec import harmonics
 from spec.compact import BAND_BITS, OPACITY_LOG2
-from spec.config import CONFIGS, DEFAULT, PAPER, TINY, V3
+from spec.config import CONFIGS, PAPER, PAPER_SMALL, TINY, V3_RECORDS
 from spec.formats import SQ, UQ
 from spec.harmonics import terms
 from tb.common import exact
 from tb.common.exact import problems
-from tb.culling import TINY_V3, colour_device, colour_suite
+from tb.culling import TINY_RECORDS, colour_device, colour_suite
 from tb.culling.colour_stimuli import fine_case, random_case
 from tests.helpers.rtl_streams import assert_rejected
 
@@ -65,27 +65,27 @@ def test_faults_are_found(tiny):
 
 @pytest.fixture(scope="module")
 def v3(tmp_path_factory):
-    """V3's plan and outcome."""
-    plan = [*colour_suite.unit_plan(V3, 0), *colour_suite.rate_plan(V3, 0)]
-    return plan, colour_suite.run_plan(V3, plan, tmp_path_factory.mktemp("v3"))
+    """V3_RECORDS's plan and outcome."""
+    plan = [*colour_suite.unit_plan(V3_RECORDS, 0), *colour_suite.rate_plan(V3_RECORDS, 0)]
+    return plan, colour_suite.run_plan(V3_RECORDS, plan, tmp_path_factory.mktemp("v3_records"))
 
 
 def test_compact_records_are_exact_and_fast_enough(v3):
     """A splat every two cycles, or one level a cycle."""
     plan, outcome = v3
     assert outcome.failures == {} and outcome.items > 30_000
-    assert len(colour_suite.figures(V3, plan, outcome)) == 8
+    assert len(colour_suite.figures(V3_RECORDS, plan, outcome)) == 8
 
 
 def test_compact_stimuli_reach_every_end(v3):
     """Fine and coarse records, every range of base colours, linear and logarithmic opacities, exponents beyond the largest, and
     colours at both ends and between."""
     plan, _ = v3
-    case = random_case(V3, 3, 3, [150])
+    case = random_case(V3_RECORDS, 3, 3, [150])
     words = case.records[0]
     assert set(words.coarse) == {True, False} and set(words.colour["dc_range"]) == {0, 1, 2, 3}
     assert (words.colour["opacity"] > 255).any() and (words.harmonics["exponent"].max(axis=0) > 7).all()
-    colour = fine_case(V3, 0, 3, 1500).expected(V3)["writes"]
+    colour = fine_case(V3_RECORDS, 0, 3, 1500).expected(V3_RECORDS)["writes"]
     assert len(np.unique(colour["word"])) > 10_000
     item = next(item for item in plan if item.name == "extremes of degree 3")
     assert set(item.run.inputs["survivors"]["levels"]) == set(range(16))
@@ -93,15 +93,15 @@ def test_compact_stimuli_reach_every_end(v3):
 
 def test_faults_in_compact_records_are_found(v3):
     """A bit of every field that the unit reads changes what it must write; bits that it must not read do not."""
-    case = random_case(V3, 5, 3, [40])
-    right = case.expected(V3)["writes"]["word"]
+    case = random_case(V3_RECORDS, 5, 3, [40])
+    right = case.expected(V3_RECORDS)["writes"]["word"]
     for name in ("dc_range", "opacity", "dc"):
         words = replace(case.records[0], colour=case.records[0].colour.copy())
         words.colour[name] ^= 1
-        assert (replace(case, records=[words]).expected(V3)["writes"]["word"] != right).any(), name
+        assert (replace(case, records=[words]).expected(V3_RECORDS)["writes"]["word"] != right).any(), name
     words = replace(case.records[0], colour=case.records[0].colour.copy())
     words.colour["position"] ^= 1
-    assert (replace(case, records=[words]).expected(V3)["writes"]["word"] == right).all()
+    assert (replace(case, records=[words]).expected(V3_RECORDS)["writes"]["word"] == right).all()
 
 
 def test_the_stimuli_reach_every_end(tiny):
@@ -116,7 +116,7 @@ def test_the_stimuli_reach_every_end(tiny):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("config", [TINY, DEFAULT, PAPER, V3], ids=lambda config: config.name)
+@pytest.mark.parametrize("config", [TINY, PAPER_SMALL, PAPER, V3_RECORDS], ids=lambda config: config.name)
 def test_scenes_and_every_machine_are_exact(config, tmp_path):
     """The embedded scene always, trained ones where they are; rates are held by the plan."""
     plan = colour_suite.full_plan(config, 1)
@@ -127,7 +127,7 @@ def test_scenes_and_every_machine_are_exact(config, tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize("sh_degree", [0, 1, 2])
 @pytest.mark.parametrize("units", [1, 4, 8])
-@pytest.mark.parametrize("base", [TINY, TINY_V3], ids=lambda config: config.records)
+@pytest.mark.parametrize("base", [TINY, TINY_RECORDS], ids=lambda config: config.records)
 def test_units_of_lower_degrees_and_other_intervals(base, sh_degree, units, tmp_path):
     config = base.with_(culling_units=units)
     outcome = colour_suite.run_plan(config, colour_suite.unit_plan(config, 2, sh_degree), tmp_path, sh_degree=sh_degree)
@@ -153,8 +153,8 @@ def test_faults_in_the_rtl_are_caught(monkeypatch, tmp_path):
 @pytest.mark.long
 def test_faults_in_the_rtl_of_compact_records_are_caught(monkeypatch, tmp_path):
     """The value of one opacity, the largest exponent of a band, and the bound of coarse records."""
-    clean = colour_device.playback(TINY_V3)
-    plan = [colour_suite.plan_of(TINY_V3, random_case(TINY_V3, 8, 3, [2000]))]
+    clean = colour_device.playback(TINY_RECORDS)
+    plan = [colour_suite.plan_of(TINY_RECORDS, random_case(TINY_RECORDS, 8, 3, [2000]))]
     opacities = list(OPACITY_LOG2)
     opacities[100] += 1
     for module, name, fault in (
@@ -163,7 +163,7 @@ def test_faults_in_the_rtl_of_compact_records_are_caught(monkeypatch, tmp_path):
     ):
         with monkeypatch.context() as patch:
             patch.setattr(module, name, fault)
-            broken = replace(clean, verilog=to_verilog(colour_device.ColourBench(TINY_V3), "colour_bench"))
+            broken = replace(clean, verilog=to_verilog(colour_device.ColourBench(TINY_RECORDS), "colour_bench"))
         failures = exact.run_plan(broken, plan, tmp_path / name).failures
         assert list(failures) == [plan[0].name] and all(line.startswith("writes") for line in failures[plan[0].name])
 
@@ -202,16 +202,16 @@ def test_products_are_rounded(a, b, result):
 
 def test_operators():
     """One multiplier a culling unit."""
-    for config, multipliers, most in ((TINY, 1, 820), (DEFAULT, 2, 820), (PAPER, 8, 820), (V3, 15, 1400)):
+    for config, multipliers, most in ((TINY, 1, 820), (PAPER_SMALL, 2, 820), (PAPER, 8, 820), (V3_RECORDS, 15, 1400)):
         found = cost(schedule(harmonics_graph(config, 3), splat_interval(config)))
         assert found.operators == {"FixedMul": multipliers} and found.register_bits < most
     products = [len(harmonics_graph(PAPER, degree).nodes) for degree in (1, 2, 3)]
     assert products == sorted(products)
     assert all(splat_interval(config) == config.colour_interval for config in CONFIGS.values())
-    assert (splat_interval(PAPER), splat_interval(V3)) == (LEAST_INTERVAL["wide"], LEAST_INTERVAL["compact"]) == (4, 2)
+    assert (splat_interval(PAPER), splat_interval(V3_RECORDS)) == (LEAST_INTERVAL["wide"], LEAST_INTERVAL["compact"]) == (4, 2)
 
 
-@pytest.mark.parametrize("config", [TINY, TINY_V3, V3], ids=lambda config: config.name)
+@pytest.mark.parametrize("config", [TINY, TINY_RECORDS, V3_RECORDS], ids=lambda config: config.name)
 def test_end_of_a_frame(config):
     """`finished` waits for the last write to be taken, falls with the next frame's first item, and takes `error` with it."""
     dut, rng = ColourUnit(config, sh_degree=1), random.Random(0)
@@ -281,7 +281,8 @@ def test_lanes_of_a_group_multiply_a_single_band(degree, interval):
         for group in groups:
             bands = {band_of(step + lane) for lane in group.lanes if step + lane < count}
             assert len(bands) <= 1 and all(BAND_BITS[band] <= group.bits for band in bands)
-    assert_rejected(lambda: CompactColourSum(V3, sh_degree=degree, lanes=count, carried=carried_layout(V3)), ValueError, count)
+    carried = carried_layout(V3_RECORDS)
+    assert_rejected(lambda: CompactColourSum(V3_RECORDS, sh_degree=degree, lanes=count, carried=carried), ValueError, count)
 
 
 def test_bad_parameters_are_rejected():

@@ -1,6 +1,6 @@
 """The projection unit in Verilator against the golden renderer, and the logic between its operations in Amaranth's simulator.
 
-PAPER, DEFAULT, and the trained scenes, are long.
+PAPER, PAPER_SMALL, DEFAULT, and the trained scenes, are long.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from amaranth.sim import Simulator
 from rtl.culling.near import limit_format
 from rtl.culling.projection_unit import ProjectionUnit
 from rtl.culling.values import at_least_smallest, clamp, doubled, order, rescale, widen
-from spec.config import DEFAULT, PAPER, SHORT_FORMATS, TINY
+from spec.config import DEFAULT, PAPER, PAPER_SMALL, SHORT_FORMATS, TINY
 from spec.formats import SmallFloat
 from tb.common.exact import problems
 from tb.culling import projection_suite
@@ -86,7 +86,7 @@ def test_points_of_the_embedded_scene(monkeypatch, tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("config", [TINY, DEFAULT, PAPER], ids=lambda config: config.name)
+@pytest.mark.parametrize("config", [TINY, PAPER_SMALL, DEFAULT, PAPER], ids=lambda config: config.name)
 def test_scenes_are_exact(config, tmp_path):
     """The embedded scene always, trained ones where they are; rates are held by the plan."""
     plan = projection_suite.full_plan(config, 1)

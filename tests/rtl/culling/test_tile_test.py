@@ -1,6 +1,6 @@
 """The tile test: its parts in Amaranth's simulator, the whole in Verilator against the golden renderer.
 
-A run every cycle and one every eight are quick; PAPER and DEFAULT, and scenes, are long.
+A run every cycle and one every eight are quick; PAPER and PAPER_SMALL, and scenes, are long.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spec.config import PAPER, TINY, TINY_SUPERTILES
+from spec.config import PAPER, TINY, TINY_V3
 from spec.errors import InputError
 from tb import sim
 from tb.common.exact import problems
@@ -41,8 +41,8 @@ def test_tiny_is_exact_and_fast_enough(tiny):
 
 
 def test_lists_of_supertiles_are_counted_and_grouped(tmp_path):
-    plan = tmu.unit_plan(TINY_SUPERTILES, 0)
-    assert tmu.run_plan(TINY_SUPERTILES, plan, tmp_path).failures == {}
+    plan = tmu.unit_plan(TINY_V3, 0)
+    assert tmu.run_plan(TINY_V3, plan, tmp_path).failures == {}
 
 
 def test_faults_are_found(tiny):

@@ -16,7 +16,7 @@ from rtl.supertiles.batch_buffer import LATENCY, BatchBuffer
 from rtl.supertiles.batch_masks import BatchMasks
 from rtl.supertiles.batch_visits import BatchVisits
 from rtl.units import emit
-from spec.config import PAPER, SUPERTILES, TINY, TINY_SUPERTILES
+from spec.config import PAPER, TINY, TINY_V3, V3
 from spec.memory import splat_record
 from spec.supertiles import batch_place, supertile, tile_visit, visit_entry
 from tb.common.scenes import traced_frames
@@ -26,16 +26,16 @@ from tb.supertiles.batch_stimuli import Tiles, case_of, random_case, wanted_batc
 from tests.helpers.rtl_ports import cycles_of, play, words_of
 from tests.helpers.rtl_streams import assert_rejected
 
-SMALL = TINY_SUPERTILES.with_(batch_places=16)
+SMALL = TINY_V3.with_(batch_places=16)
 
 
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory):
-    """The plan of TINY_SUPERTILES, and its outcome."""
-    frames = traced_frames(TINY_SUPERTILES, "128x128", ())
-    plan = [*batch_suite.unit_plan(TINY_SUPERTILES, 0), *batch_suite.rate_plan(TINY_SUPERTILES, 0),
-            *batch_suite.traced_plan(TINY_SUPERTILES, frames)]
-    return plan, batch_suite.run_plan(TINY_SUPERTILES, plan, tmp_path_factory.mktemp("batch"))
+    """The plan of TINY_V3, and its outcome."""
+    frames = traced_frames(TINY_V3, "128x128", ())
+    plan = [*batch_suite.unit_plan(TINY_V3, 0), *batch_suite.rate_plan(TINY_V3, 0),
+            *batch_suite.traced_plan(TINY_V3, frames)]
+    return plan, batch_suite.run_plan(TINY_V3, plan, tmp_path_factory.mktemp("batch"))
 
 
 def named(outcome, plan, name):
@@ -56,8 +56,8 @@ def test_a_place_and_an_entry_a_cycle(tiny):
     plan, outcome = tiny
     for name in ("rate, 0.4 of the tiles", "traced embedded 128x128"):
         _, recording = named(outcome, plan, name)
-        assert recording.items["entries"] / (recording.cycles - TINY_SUPERTILES.batch_places) > 0.98
-        assert recording.items["places"] > 20 * TINY_SUPERTILES.batch_places
+        assert recording.items["entries"] / (recording.cycles - TINY_V3.batch_places) > 0.98
+        assert recording.items["places"] > 20 * TINY_V3.batch_places
 
 
 def test_stops_leave_entries_out(tiny):
@@ -76,7 +76,7 @@ def test_stops_leave_entries_out(tiny):
 
 def test_cases_meet_what_they_are_for():
     """The directed cases have empty and full batches, and pairs that end a batch in every possible way."""
-    config, free = TINY_SUPERTILES, set()
+    config, free = TINY_V3, set()
     for make in batch_suite.DIRECTED:
         batches = wanted_batches(config, make(config))
         free |= {config.batch_places - len(batch.places) for batch in batches}
@@ -155,7 +155,7 @@ def test_faults_of_the_unit_are_found(name, monkeypatch, tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["16-places", "supertiles"])
+@pytest.mark.parametrize("name", ["16-places", "v3"])
 def test_other_machines_are_exact(name, tmp_path):
     config = batch_suite.VARIANTS[name]
     plan = [*batch_suite.unit_plan(config, 1), *batch_suite.rate_plan(config, 1)]
@@ -198,7 +198,7 @@ def test_counts_restart_and_stay_without_counters():
         assert tuple(seen) == wanted
 
 
-@pytest.mark.parametrize(("config", "masks"), [(TINY_SUPERTILES, (32, 64)), (SUPERTILES, (32, 512)), (SMALL, (16, 32))])
+@pytest.mark.parametrize(("config", "masks"), [(TINY_V3, (32, 64)), (V3, (32, 512)), (SMALL, (16, 32))])
 def test_sizes(config, masks):
     """Two halves of records, and of words of masks for each tile."""
     found = {tuple(map(int, size)) for size in

@@ -9,14 +9,14 @@ import pytest
 
 from golden.msv2_ref.batches import FrameBatches
 from rtl.supertiles.colour import PairColour
-from spec.config import SUPERTILES, TINY, TINY_SUPERTILES
+from spec.config import TINY, TINY_V3, V3
 from tb.common.exact import problems
 from tb.common.scenes import traced_frame
 from tb.supertiles import colour_suite
 from tb.supertiles.colour_stimuli import frame_case, places, random_case
 
 
-@pytest.fixture(scope="module", params=[TINY_SUPERTILES, SUPERTILES], ids=["tiny", "supertiles"])
+@pytest.fixture(scope="module", params=[TINY_V3, V3], ids=["tiny", "v3"])
 def played(request, tmp_path_factory):
     """A machine, its plan and outcome."""
     plan = [*colour_suite.unit_plan(request.param, 0), *colour_suite.rate_plan(request.param, 0)]
@@ -42,14 +42,14 @@ def test_faults_are_found(played):
 
 @pytest.mark.parametrize("degree", range(3))
 def test_units_of_lower_degrees_are_right(degree, tmp_path):
-    plan = [colour_suite.plan_of(TINY_SUPERTILES, random_case(TINY_SUPERTILES, k, k, 60)) for k in range(degree + 1)]
-    outcome = colour_suite.run_plan(TINY_SUPERTILES, plan, tmp_path, sh_degree=degree)
+    plan = [colour_suite.plan_of(TINY_V3, random_case(TINY_V3, k, k, 60)) for k in range(degree + 1)]
+    outcome = colour_suite.run_plan(TINY_V3, plan, tmp_path, sh_degree=degree)
     assert outcome.failures == {} and outcome.runs == degree + 1
 
 
 def test_stimuli_expect_the_golden_renderer_s_places():
-    _, frame = traced_frame(TINY_SUPERTILES, "embedded", "320x180", "50,40", 4)
-    expected, golden = places(TINY_SUPERTILES, frame_case("", frame)), FrameBatches(frame).place_records
+    _, frame = traced_frame(TINY_V3, "embedded", "320x180", "50,40", 4)
+    expected, golden = places(TINY_V3, frame_case("", frame)), FrameBatches(frame).place_records
     assert len(expected) > 4000 and np.array_equal(expected, golden)
 
 
@@ -58,12 +58,12 @@ def test_bad_parameters_are_refused():
         PairColour(TINY)
     for wrong, error in ((4, ValueError), (True, TypeError)):
         with pytest.raises(error, match="sh_degree must be"):
-            PairColour(TINY_SUPERTILES, sh_degree=wrong)
+            PairColour(TINY_V3, sh_degree=wrong)
     with pytest.raises(TypeError, match="config must be"):
         PairColour("tiny")
 
 
 @pytest.mark.long
 def test_frames_of_scenes_are_right(tmp_path):
-    plan = colour_suite.traced_plan(SUPERTILES, "320x180")
-    assert colour_suite.run_plan(SUPERTILES, plan, tmp_path).failures == {}
+    plan = colour_suite.traced_plan(V3, "320x180")
+    assert colour_suite.run_plan(V3, plan, tmp_path).failures == {}

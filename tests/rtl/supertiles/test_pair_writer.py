@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rtl.supertiles.pair_writer import PairWriter
-from spec.config import SUPERTILES, TINY, TINY_SUPERTILES
+from spec.config import TINY, TINY_V3, V3
 from spec.memory import BEAT_ENTRIES
 from tb.supertiles import lists_suite as suite
 from tb.supertiles.lists_device import OBSERVED
@@ -17,8 +17,8 @@ from tests.helpers.rtl_streams import assert_rejected
 
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory):
-    plan = suite.full_plan(TINY_SUPERTILES, 0)
-    return plan, suite.run_plan(TINY_SUPERTILES, plan, tmp_path_factory.mktemp("tiny"))
+    plan = suite.full_plan(TINY_V3, 0)
+    return plan, suite.run_plan(TINY_V3, plan, tmp_path_factory.mktemp("tiny"))
 
 
 def test_tiny_is_exact_and_fast_enough(tiny):
@@ -27,7 +27,7 @@ def test_tiny_is_exact_and_fast_enough(tiny):
     assert outcome.runs == sum(item.run.abort is None for item in plan) > 40 and outcome.items > 100_000
     seen = [recording.observed for recording in outcome.recordings.values()]
     assert all(any(observed[name] for observed in seen) for name in OBSERVED if not name.endswith("busy"))
-    assert len(suite.figures(TINY_SUPERTILES, plan, outcome)) == 4
+    assert len(suite.figures(TINY_V3, plan, outcome)) == 4
 
 
 def test_beats_are_written_whole(tiny):
@@ -61,11 +61,11 @@ def test_faults_are_found(tiny):
 
 def test_bad_parameters_are_rejected():
     assert_rejected(lambda: PairWriter(TINY), ValueError, "tile")
-    assert_rejected(lambda: PairWriter(TINY_SUPERTILES, slots=17), ValueError, 17)
-    assert_rejected(lambda: PairWriter(TINY_SUPERTILES, slots="8"), TypeError, "8")
-    assert PairWriter(TINY_SUPERTILES.with_(list_heads=64)).list_count.shape().width == 7
+    assert_rejected(lambda: PairWriter(TINY_V3, slots=17), ValueError, 17)
+    assert_rejected(lambda: PairWriter(TINY_V3, slots="8"), TypeError, "8")
+    assert PairWriter(TINY_V3.with_(list_heads=64)).list_count.shape().width == 7
 
 
 @pytest.mark.long
 def test_the_machines_writer_is_exact(tmp_path):
-    assert suite.run_plan(SUPERTILES, suite.full_plan(SUPERTILES, 1), tmp_path).failures == {}
+    assert suite.run_plan(V3, suite.full_plan(V3, 1), tmp_path).failures == {}

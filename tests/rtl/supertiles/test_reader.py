@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rtl.supertiles.reader import SuperTileReader
-from spec.config import SUPERTILES, TINY, TINY_SUPERTILES
+from spec.config import TINY, TINY_V3, V3
 from spec.records import frame_supertiles, list_group
 from tb.common.exact import problems
 from tb.supertiles import reader_suite as suite
@@ -18,15 +18,15 @@ from tests.helpers.rtl_streams import assert_rejected
 
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory):
-    plan = suite.unit_plan(TINY_SUPERTILES, 0)
-    return plan, suite.run_plan(TINY_SUPERTILES, plan, tmp_path_factory.mktemp("tiny"))
+    plan = suite.unit_plan(TINY_V3, 0)
+    return plan, suite.run_plan(TINY_V3, plan, tmp_path_factory.mktemp("tiny"))
 
 
 def test_tiny_is_exact_and_fast_enough(tiny):
     plan, outcome = tiny
     assert outcome.failures == {}
     assert outcome.runs == sum(item.run.abort is None for item in plan) > 25 and outcome.items > 5000
-    assert len(suite.figures(TINY_SUPERTILES, plan, outcome)) == 3
+    assert len(suite.figures(TINY_V3, plan, outcome)) == 3
 
 
 def test_faults_are_found(tiny):
@@ -41,10 +41,10 @@ def test_faults_are_found(tiny):
 
 
 def test_a_whole_frames_lists_are_taken_while_nothing_moves():
-    record, count = list_group(TINY_SUPERTILES), frame_supertiles(TINY_SUPERTILES)
+    record, count = list_group(TINY_V3), frame_supertiles(TINY_V3)
     ends = np.sort(np.random.default_rng(0).choice(127, count - 1, replace=False)).tolist()
     rows = [record.pack({"tile": t, "count": t, "group": 0, "last": 0, "ends": t in ends or t == 127}) for t in range(128)]
-    moves = play(SuperTileReader(TINY_SUPERTILES), {"lists": rows}, {"reads": 1.0, "supertiles": 1.0}, 140,
+    moves = play(SuperTileReader(TINY_V3), {"lists": rows}, {"reads": 1.0, "supertiles": 1.0}, 140,
                  setup={"supertiles_base": 5, "width": 512, "height": 512})
     assert len(moves["lists"]) == 128
 
@@ -55,5 +55,5 @@ def test_machines_without_supertiles_are_rejected():
 
 @pytest.mark.long
 def test_the_machines_reader_is_exact(tmp_path):
-    plan = suite.full_plan(SUPERTILES, 1)
-    assert suite.run_plan(SUPERTILES, plan, tmp_path).failures == {}
+    plan = suite.full_plan(V3, 1)
+    assert suite.run_plan(V3, plan, tmp_path).failures == {}

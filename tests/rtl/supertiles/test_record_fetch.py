@@ -1,6 +1,6 @@
 """Record fetch in Verilator: the suite's runs, and faults put there on purpose; latency and storage in Amaranth's simulator.
 
-SUPERTILES is long.
+V3 is long.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rtl.supertiles import record_fetch
 from rtl.supertiles.record_fetch import LATENCY, RecordFetch
 from rtl.units import emit
 from spec.chunks import PLACE_BITS
-from spec.config import SUPERTILES, TINY_SUPERTILES, V3
+from spec.config import TINY_V3, V3, V3_RECORDS
 from spec.queues import HEADERS_MISSED, HEADERS_PENDING, RECORD_BEATS, RECORDS_PENDING
 from spec.records import chunk_item
 from spec.supertiles import HEADER_WAYS
@@ -31,27 +31,27 @@ from tb.supertiles.record_fetch_device import RecordFetchBench, playback
 from tb.supertiles.record_fetch_stimuli import DIRECTED
 from tests.helpers.rtl_streams import assert_rejected
 
-LINES = TINY_SUPERTILES.header_lines
+LINES = TINY_V3.header_lines
 
 
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory):
-    """TINY_SUPERTILES' plan and outcome."""
-    plan = suite.quick_plan(TINY_SUPERTILES, 0)
-    return plan, suite.run_plan(TINY_SUPERTILES, plan, tmp_path_factory.mktemp("fetch"))
+    """TINY_V3' plan and outcome."""
+    plan = suite.quick_plan(TINY_V3, 0)
+    return plan, suite.run_plan(TINY_V3, plan, tmp_path_factory.mktemp("fetch"))
 
 
 def test_every_point_and_beat_is_exact_and_comes_fast_enough(tiny):
     plan, outcome = tiny
     assert outcome.failures == {}
     assert outcome.runs == sum(item.run.abort is None for item in plan) and outcome.items > 300_000
-    assert len(suite.figures(TINY_SUPERTILES, plan, outcome)) == 6
+    assert len(suite.figures(TINY_V3, plan, outcome)) == 6
 
 
 @pytest.mark.long
 def test_the_large_machine_is_exact(tmp_path):
-    plan = suite.full_plan(SUPERTILES, 1)
-    assert suite.run_plan(SUPERTILES, plan, tmp_path).failures == {}
+    plan = suite.full_plan(V3, 1)
+    assert suite.run_plan(V3, plan, tmp_path).failures == {}
 
 
 def test_runs_show_something(tiny):
@@ -95,11 +95,11 @@ def test_another_cache_is_told_apart(tiny, name, lines, ways, keep_used):
 
 def _faulty(tmp_path, **options: object) -> dict[str, list[str]]:
     """Failures of the hand-made cases in a bench that is emitted anew."""
-    bench = replace(playback(TINY_SUPERTILES), name="record-fetch-faulty",
-                    verilog=to_verilog(RecordFetchBench(TINY_SUPERTILES), "record_fetch_bench"))
-    plan, rng = suite.Plan(TINY_SUPERTILES, 0), np.random.default_rng(0)
+    bench = replace(playback(TINY_V3), name="record-fetch-faulty",
+                    verilog=to_verilog(RecordFetchBench(TINY_V3), "record_fetch_bench"))
+    plan, rng = suite.Plan(TINY_V3, 0), np.random.default_rng(0)
     for make in DIRECTED:
-        plan.add(make(TINY_SUPERTILES, rng), **options)
+        plan.add(make(TINY_V3, rng), **options)
     return exact.run_plan(bench, plan.runs, tmp_path, watchdog=2000).failures
 
 
@@ -119,18 +119,18 @@ def test_the_strongest_opacity_must_be_found(monkeypatch, tmp_path):
 
 def test_traced_frames_of_the_embedded_scene(monkeypatch, tmp_path):
     monkeypatch.setenv("MSV2_DATA", str(tmp_path / "absent"))
-    plan = suite.traced_plan(TINY_SUPERTILES, "64x48")
-    assert len(plan) == 2 and suite.run_plan(TINY_SUPERTILES, plan, tmp_path / "run").failures == {}
+    plan = suite.traced_plan(TINY_V3, "64x48")
+    assert len(plan) == 2 and suite.run_plan(TINY_V3, plan, tmp_path / "run").failures == {}
     assert all(len(item.expected["points"]) > 300 for item in plan)
 
 
 def test_latency_and_the_cycles_of_clearing():
     """A hit takes LATENCY cycles and the memory's; after `clear`, as after a reset, nothing is taken for a cycle a set."""
-    dut, waits, latencies, missed = RecordFetch(TINY_SUPERTILES), [], [], []
+    dut, waits, latencies, missed = RecordFetch(TINY_V3), [], [], []
 
     async def send(ctx) -> None:
         """One pair, whose header and beats come in the cycle after their requests."""
-        ctx.set(Value.cast(dut.sorted.payload), chunk_item(TINY_SUPERTILES).pack(
+        ctx.set(Value.cast(dut.sorted.payload), chunk_item(TINY_V3).pack(
             {"index": 5 << PLACE_BITS | 3, "depth_key": 0, "tile": 0, "last": 0, "empty": 0}))
         ctx.set(dut.sorted.valid, 1)
         wait = 0
@@ -180,25 +180,25 @@ def test_latency_and_the_cycles_of_clearing():
 
 def test_storage():
     """Tags, both kinds of lines, and the queues, each of which keeps one item in a register."""
-    text = to_rtlil(RecordFetch(SUPERTILES), "fetch")
+    text = to_rtlil(RecordFetch(V3), "fetch")
     memories = sorted((int(width), int(depth)) for width, depth in re.findall(r"memory width (\d+) size (\d+)", text))
-    lines = SUPERTILES.header_lines
+    lines = V3.header_lines
     assert memories == sorted([
         (54, lines // HEADER_WAYS), (26, lines), (112, lines), (33, HEADERS_PENDING - 1), (35, RECORDS_PENDING - 1),
         (112, HEADERS_MISSED - 1), (256, RECORD_BEATS - 1)])
 
 
 def test_verilog():
-    text = emit("record_fetch", TINY_SUPERTILES)
-    assert "module record_fetch(" in text and emit("record_fetch", TINY_SUPERTILES) == text
+    text = emit("record_fetch", TINY_V3)
+    assert "module record_fetch(" in text and emit("record_fetch", TINY_V3) == text
 
 
 def test_no_counters_where_there_are_none():
     constant = [f"connect \\{name} 32'{0:032b}" for name in ("hits", "misses")]
-    texts = [to_rtlil(RecordFetch(TINY_SUPERTILES.with_(counters=counters)), "f") for counters in (True, False)]
+    texts = [to_rtlil(RecordFetch(TINY_V3.with_(counters=counters)), "f") for counters in (True, False)]
     assert [[line in text for line in constant] for text in texts] == [[False, False], [True, True]]
 
 
 def test_other_machines_are_refused():
-    assert_rejected(lambda: RecordFetch("supertiles"), TypeError, "supertiles")
-    assert_rejected(lambda: RecordFetch(V3), ValueError, "tile")
+    assert_rejected(lambda: RecordFetch("v3"), TypeError, "v3")
+    assert_rejected(lambda: RecordFetch(V3_RECORDS), ValueError, "tile")

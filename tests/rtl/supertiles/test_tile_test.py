@@ -10,7 +10,7 @@ import pytest
 from golden.msv2_ref.supertiles import binned_pairs
 from rtl.supertiles.clip import SuperTileClip
 from rtl.supertiles.tile_test import SuperTileTest
-from spec.config import SUPERTILES, TINY, TINY_SUPERTILES
+from spec.config import TINY, TINY_V3, V3
 from spec.constants import SUPER_TILES
 from tb.common.exact import problems
 from tb.common.scenes import traced_frame
@@ -19,10 +19,10 @@ from tb.supertiles import clip_suite, tile_test_suite
 from tb.supertiles.tile_test_stimuli import tiles_met
 from tests.helpers.rtl_streams import assert_rejected
 
-FAST = TINY_SUPERTILES.with_(culling_units=8, row_width=1104, list_heads=512)  # a step a cycle, nine super-columns, one cut
+FAST = TINY_V3.with_(culling_units=8, row_width=1104, list_heads=512)  # a step a cycle, nine super-columns, one cut
 
 
-@pytest.fixture(scope="module", params=[TINY_SUPERTILES, FAST], ids=["tiny", "fast"])
+@pytest.fixture(scope="module", params=[TINY_V3, FAST], ids=["tiny", "fast"])
 def played(request, tmp_path_factory):
     """A machine, its plan and outcome."""
     plan = tile_test_suite.unit_plan(request.param, 0)
@@ -62,15 +62,15 @@ def test_stimuli_reach_every_place_and_splats_of_many_pairs():
 
 def test_stimuli_expect_what_the_golden_renderer_bins():
     """The suite's pairs, which follow from intersections alone, are those that the renderer bins."""
-    _, frame = traced_frame(TINY_SUPERTILES, "embedded", "320x180", "50,40", 4)
+    _, frame = traced_frame(TINY_V3, "embedded", "320x180", "50,40", 4)
     expected, golden = tile_test_suite.of(case_of(frame, "")).expected["pairs"], binned_pairs(frame.config, frame.pairs)
     for name in ("depth_key", "supertile", "end"):
         assert np.array_equal(expected[name], golden[name])
 
 
 def test_boxes_are_cut_to_super_tiles_a_splat_a_cycle(tmp_path):
-    plan = clip_suite.unit_plan(TINY_SUPERTILES, 0)
-    outcome = clip_suite.run_plan(TINY_SUPERTILES, plan, tmp_path)
+    plan = clip_suite.unit_plan(TINY_V3, 0)
+    outcome = clip_suite.run_plan(TINY_V3, plan, tmp_path)
     assert outcome.failures == {} and outcome.runs == len(plan) - 3
     assert sum(item.most_cycles is not None for item in plan) == 4
 
@@ -83,5 +83,5 @@ def test_machines_without_super_tiles_are_refused(unit):
 
 @pytest.mark.long
 def test_frames_of_scenes_are_right(tmp_path):
-    plan = tile_test_suite.traced_plan(SUPERTILES, "640x360")
-    assert tile_test_suite.run_plan(SUPERTILES, plan, tmp_path).failures == {}
+    plan = tile_test_suite.traced_plan(V3, "640x360")
+    assert tile_test_suite.run_plan(V3, plan, tmp_path).failures == {}

@@ -7,7 +7,7 @@ import pytest
 from rtl.top import bin_phase, gather_phase, geometry_phase, machine, render_phase
 from rtl.top.splat_path import SplatPath
 from spec import registers
-from spec.config import SUPERTILES, TINY, TINY_SUPERTILES
+from spec.config import TINY, TINY_V3, V3
 
 UNITS = (bin_phase.BinPhase, gather_phase.GatherPhase, SplatPath)
 
@@ -18,12 +18,12 @@ def test_other_machines_are_refused(unit):
         unit("tiny")
     with pytest.raises(ValueError, match="lists must be 'supertile' for this unit, not 'tile'"):
         unit(TINY)
-    few = TINY_SUPERTILES.with_(list_heads=8)
+    few = TINY_V3.with_(list_heads=8)
     with pytest.raises(ValueError, match="list_heads must be at least 64 for rows of 512 pixels, not 8"):
         unit(few)
 
 
-@pytest.mark.parametrize("config", [TINY_SUPERTILES, SUPERTILES], ids=lambda config: config.name)
+@pytest.mark.parametrize("config", [TINY_V3, V3], ids=lambda config: config.name)
 def test_clients_and_stages_are_those_of_both_phases(config):
     assert {*bin_phase.READERS, *gather_phase.READERS} == set(registers.read_clients(config))
     assert set(bin_phase.READERS) & set(gather_phase.READERS) == {"tiles", "chunks"}
@@ -32,12 +32,12 @@ def test_clients_and_stages_are_those_of_both_phases(config):
 
 
 def test_every_event_has_one_source():
-    units = bin_phase.BinPhase(TINY_SUPERTILES), gather_phase.GatherPhase(TINY_SUPERTILES)
-    for name in registers.events(TINY_SUPERTILES):
+    units = bin_phase.BinPhase(TINY_V3), gather_phase.GatherPhase(TINY_V3)
+    for name in registers.events(TINY_V3):
         assert sum(name in unit.signature.members for unit in units) == 1, name
 
 
 def test_each_machine_has_its_own_phases():
     for config, phases in ((TINY, (geometry_phase.GeometryPhase, render_phase.RenderPhase)),
-                           (TINY_SUPERTILES, (bin_phase.BinPhase, gather_phase.GatherPhase))):
+                           (TINY_V3, (bin_phase.BinPhase, gather_phase.GatherPhase))):
         assert machine.phases(config) == phases

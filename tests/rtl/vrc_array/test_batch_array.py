@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rtl.vrc_array.batch_array import BatchArray
-from spec.config import SUPERTILES, TINY, TINY_SUPERTILES
+from spec.config import TINY, TINY_V3, V3
 from tb.supertiles import array_suite
 from tb.supertiles.array_stimuli import split, stopping_case
 from tb.vrc_array.array_stimuli import random_case
@@ -16,9 +16,9 @@ from tb.vrc_array.array_stimuli import random_case
 
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory):
-    """The plan of TINY_SUPERTILES, and its outcome."""
-    plan = array_suite.full_plan(TINY_SUPERTILES, 0)
-    return plan, array_suite.run_plan(TINY_SUPERTILES, plan, tmp_path_factory.mktemp("batch_array"))
+    """The plan of TINY_V3, and its outcome."""
+    plan = array_suite.full_plan(TINY_V3, 0)
+    return plan, array_suite.run_plan(TINY_V3, plan, tmp_path_factory.mktemp("batch_array"))
 
 
 def test_tiny_is_bit_exact(tiny):
@@ -37,31 +37,31 @@ def test_a_wrong_bit_of_done_is_caught(tiny):
     plan, outcome = tiny
     item = next(item for item in plan if item.name == "stopping 3")
     wrong = replace(item, frame=replace(item.frame, done=item.frame.done ^ 1))
-    assert array_suite.judge(TINY_SUPERTILES, item, outcome.recordings[item.name]) == []
-    text, = array_suite.judge(TINY_SUPERTILES, wrong, outcome.recordings[item.name])
+    assert array_suite.judge(TINY_V3, item, outcome.recordings[item.name]) == []
+    text, = array_suite.judge(TINY_V3, wrong, outcome.recordings[item.name])
     assert text.startswith("done is 0x")
 
 
 def test_a_state_that_is_not_loaded_is_caught(tmp_path):
     """With `fresh` set in a tile's second visit, the intersections of its first one are missing in the picture."""
-    frame = split(TINY_SUPERTILES, random_case(TINY_SUPERTILES, "fresh", 0), 0)
+    frame = split(TINY_V3, random_case(TINY_V3, "fresh", 0), 0)
     later = np.flatnonzero(frame.visits["fresh"] == 0)
     assert len(later) > 5
     frame.visits["fresh"][later] = 1
-    outcome = array_suite.run_plan(TINY_SUPERTILES, [array_suite.plan_of(TINY_SUPERTILES, frame)], tmp_path)
+    outcome = array_suite.run_plan(TINY_V3, [array_suite.plan_of(TINY_V3, frame)], tmp_path)
     assert "colour is" in outcome.failures["fresh"][0]
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", [name for name in array_suite.DISTINCT if name != "tiny_supertiles"])
+@pytest.mark.parametrize("name", [name for name in array_suite.DISTINCT if name != "tiny_v3"])
 def test_other_machines_are_bit_exact(name, tmp_path):
     config = array_suite.VARIANTS[name]
     assert array_suite.run_plan(config, array_suite.full_plan(config, 0), tmp_path).failures == {}
 
 
 def test_frames_are_split_as_the_specification_says():
-    case = stopping_case(SUPERTILES, "x", 1)
-    frame = split(SUPERTILES, case, 1)
+    case = stopping_case(V3, "x", 1)
+    frame = split(V3, case, 1)
     ends = np.flatnonzero(frame.entries["end"])
     assert len(ends) == len(frame.visits) and ends[-1] == len(frame.entries) - 1
     assert len(frame.entries) - len(ends) == len(case.entries)

@@ -15,7 +15,7 @@ from rtl.vrc_array.batch_collect import BatchCollect
 from rtl.vrc_array.collect import place_latency
 from rtl.vrc_array.pixel_state import PixelState
 from rtl.vrc_array.row import SUMS_LATER
-from spec.config import SUPERTILES
+from spec.config import V3
 from spec.constants import TILE
 from spec.supertiles import SUPER_PLACES
 from tests.helpers.formal import Circuit
@@ -48,7 +48,7 @@ class Harness(Elaboratable):
     they are 1 when the last row comes, or is read.
     """
 
-    def __init__(self, config=SUPERTILES):
+    def __init__(self, config=V3):
         self.config = config
         self.sequencer, self.collect, self.state = BatchSequencer(config), BatchCollect(config), _Watched(config)
         bits = {"row": 4, "tile": SUPER_PLACES, "place": SUPER_PLACES}

@@ -9,7 +9,7 @@ from golden.host.memory_image import REGIONS, gaussian_bytes, memory_image, read
 from golden.msv2_ref import pipeline
 from spec.chunks import chunk_header
 from spec.compact import compact_colour, compact_geometry, compact_harmonics
-from spec.config import CONFIGS, PAPER, RECORDS, TINY, V3
+from spec.config import CONFIGS, PAPER, RECORDS, TINY, V3_RECORDS
 from spec.formats import Fixed
 from spec.host_settings import first_illegal
 from spec.memory import (
@@ -31,7 +31,7 @@ from spec.records import gaussian_colour, gaussian_geometry
 from tb.top.check_stereo import stereo_run
 from tb.top.player import setting_writes
 from tb.top.stimuli_stereo import stereo_case, wall
-from tb.top.suite import TINY_V3
+from tb.top.suite import TINY_RECORDS
 from tests.helpers.golden_samples import map_for, random_model, view
 
 
@@ -73,7 +73,7 @@ def test_gaussians_lie_by_index(sh):
 @pytest.mark.parametrize("records", RECORDS)
 def test_chunks_and_records_lie_by_index(sh, records):
     """Every byte of the three regions, by the text of `spec.memory`."""
-    config = V3.with_(records=records)
+    config = V3_RECORDS.with_(records=records)
     frame = frame_of((0.5, 0.5), 4, sh, config=config, points=301)
     words, contents = frame.words, gaussian_bytes(config, frame.words)
     header, beats = chunk_header(config), colour_beats(config, sh)
@@ -102,7 +102,7 @@ def test_chunks_and_records_lie_by_index(sh, records):
 
 
 def test_chunks_lie_first_and_the_settings_name_them():
-    frame = frame_of(config=V3)
+    frame = frame_of(config=V3_RECORDS)
     image = image_of(frame)
     assert list(image.regions) == [name for name in REGIONS if not name.startswith(("target", "supertiles"))]
     assert image.settings["chunks"] == len(frame.words.chunks) == image.regions["chunks"].beats == 5
@@ -111,7 +111,7 @@ def test_chunks_lie_first_and_the_settings_name_them():
 
 
 def test_a_model_without_gaussians_has_an_image():
-    image = image_of(frame_of(config=V3, points=0))
+    image = image_of(frame_of(config=V3_RECORDS, points=0))
     assert image.settings["chunks"] == image.settings["gaussians"] == image.regions["chunks"].beats == 0
     assert all(len(image.contents[name]) == 0 for name in ("chunks", "geometry", "colour"))
 
@@ -127,7 +127,7 @@ def test_tiles_lie_row_by_row():
     assert len({int(level) for level in frame.registers.header[:, 0]}) > 2
 
 
-@pytest.mark.parametrize("config", [TINY, TINY_V3], ids=["tiny", "tiny_v3"])
+@pytest.mark.parametrize("config", [TINY, TINY_RECORDS], ids=["tiny", "tiny_records"])
 @pytest.mark.parametrize(("gaze", "levels", "size", "shift"), [
     (None, 1, (50, 37), 0), ((0.5, 0.5), 3, (40, 24), 2), ((0.0, 0.0), 4, (500, 300), 2), ((0.4, 0.4), 2, (500, 300), 1)])
 def test_regions_do_not_overlap_and_are_large_enough(gaze, levels, size, shift, config):

@@ -55,7 +55,7 @@ CHUNKS_BROKEN = ("reset after 250", "abort after 250", "chunks fails", "geometry
 
 
 def test_frames_of_chunks_in_short(tmp_path):
-    config = VARIANTS["tiny_v3"]
+    config = VARIANTS["tiny_records"]
     plan = [item for item in good_plan(config, 0) if any(words in item.name for words in CHUNKS_IN_SHORT)]
     plan += [item for item in broken_plan(config, 0) if any(words in item.name for words in CHUNKS_BROKEN)]
     assert any(item.frame.chunks_skipped and item.frame.chunks_read for item in plan)
@@ -66,7 +66,7 @@ def test_frames_of_chunks_in_short(tmp_path):
 
 @pytest.mark.long
 def test_frames_of_chunks_of_wide_records_and_of_two_eyes_in_short(tmp_path):
-    for variant in ("tiny_chunks", "tiny_v3_stereo"):
+    for variant in ("tiny_chunks", "tiny_records_stereo"):
         plan = [item for item in good_plan(VARIANTS[variant], 0) if "clusters" in item.name]
         assert any(item.frame.chunks_skipped for item in plan)
         outcome = run_plan(VARIANTS[variant], plan, tmp_path / variant)
@@ -86,7 +86,7 @@ SUPERTILES_BROKEN = (
 
 
 def test_frames_of_super_tiles_in_short(tmp_path):
-    config = VARIANTS["tiny_supertiles"]
+    config = VARIANTS["tiny_v3"]
     plan = [item for item in good_plan(config, 0) if any(words in item.name for words in SUPERTILES_IN_SHORT)]
     plan += [item for item in broken_plan(config, 0) if any(words in item.name for words in SUPERTILES_BROKEN)]
     assert {item.error for item in plan} >= {
@@ -100,7 +100,7 @@ def test_frames_of_super_tiles_in_short(tmp_path):
 
 @pytest.mark.long
 def test_frames_with_the_bounds_of_the_frame_before(tmp_path):
-    config = VARIANTS["tiny_supertiles"]
+    config = VARIANTS["tiny_v3"]
     plan = bucket_plan(config)
     assert {len(item.frame.bounds.key) for item in plan} == {0, 2}
     outcome = run_plan(config, plan, tmp_path)

@@ -48,7 +48,7 @@ def test_bad_settings_are_those_that_spec_refuses(plans):
 
 
 def test_plans_of_chunks_cover_what_the_machine_can_meet():
-    for name in ("tiny_v3", "tiny_chunks"):
+    for name in ("tiny_records", "tiny_chunks"):
         config = VARIANTS[name]
         frames = [item.frame for item in good_plan(config, 0)[: len(good_plan(config, 0)) // 2]]
         read, skipped = ([getattr(f, f"chunks_{what}") for f in frames] for what in ("read", "skipped"))
@@ -87,7 +87,7 @@ def test_every_kind_of_wrong_result_is_told(plans):
 
 
 def test_plans_of_super_tiles_cover_what_the_machine_can_meet():
-    config = VARIANTS["tiny_supertiles"]
+    config = VARIANTS["tiny_v3"]
     good, broken = good_plan(config, 0), broken_plan(config, 0)
     frames = [item.frame for item in good[: len(good) // 2]]
     batches = [FrameBatches(frame) for frame in frames]
@@ -104,7 +104,7 @@ def test_plans_of_super_tiles_cover_what_the_machine_can_meet():
 
 
 def test_impossible_numbers_of_visits_are_told():
-    item = next(item for item in good_plan(VARIANTS["tiny_supertiles"], 0) if "clusters" in item.name)
+    item = next(item for item in good_plan(VARIANTS["tiny_v3"], 0) if "clusters" in item.name)
     visits = FrameBatches(item.frame).visits
     most = {"visits": len(visits.final), "ops": array_ops(item.frame), "skipped": len(item.frame.entries.splat)}
     right = right_result(item)

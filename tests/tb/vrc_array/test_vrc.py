@@ -1,6 +1,6 @@
 """The rendering array's RTL against the golden renderer, and the comparison against faults put there on purpose.
 
-DEFAULT and the variants of TINY take a build each: they are long.
+PAPER_SMALL and the variants of TINY take a build each: they are long.
 """
 
 from dataclasses import replace
@@ -60,7 +60,7 @@ def test_other_machines_are_bit_exact(name, tmp_path):
 
 @pytest.mark.long
 def test_default_takes_an_entry_a_cycle(tmp_path):
-    config = array_suite.VARIANTS["default"]
+    config = array_suite.VARIANTS["paper_small"]
     case = next(make for make in CORNERS if make.__name__ == "_long")(config)
     plan = [array_suite.plan_of(config, case)]
     assert array_suite.run_plan(config, plan, tmp_path).recordings[case.name].cycles < len(case.entries) + 150

@@ -7,8 +7,8 @@ import json
 import pytest
 
 from msv2.studies.area import estimate
-from msv2.studies.area.estimate import BUILDS, ESTIMATE, SYNTHESISED, estimate_area
-from spec.config import PAPER, PRESETS, TINY
+from msv2.studies.area.estimate import BUILDS, ESTIMATE, SHORTENED, SYNTHESISED, estimate_area
+from spec.config import PAPER, TINY
 from spec.errors import InputError
 
 
@@ -21,11 +21,11 @@ def test_a_synthesised_build_has_its_reports_area(name):
     assert found.mm2 == pytest.approx(found.logic_mm2 + found.memory_mm2)
 
 
-@pytest.mark.parametrize("name", PRESETS)
-def test_estimates_of_the_presets_are_near_their_builds(name, monkeypatch):
+@pytest.mark.parametrize("name", SHORTENED)
+def test_estimates_with_the_presets_formats_are_near_their_builds(name, monkeypatch):
     report = json.loads(estimate.REPORT.read_text())["builds"][name]
     monkeypatch.setattr(estimate, "BUILDS", {build: BUILDS[build] for build in ("mono", "1ghz")})
-    found = estimate_area(PRESETS[name])
+    found = estimate_area(SHORTENED[name])
     assert (found.basis, found.build) == (ESTIMATE, "mono")
     assert found.mm2 == pytest.approx(report["mm2_16nm"], rel=0.01)
     for group, area in found.groups.items():

@@ -11,7 +11,7 @@ from msv2.studies.area.stores import Store, stores
 from rtl.units import UNITS
 from rtl.vrc_array.collect import Collect
 from rtl.vrc_array.pixel_state import PixelState
-from spec.config import DEFAULT, FAST, PAPER, SUPERTILES, TINY, TINY_SUPERTILES, AcceleratorConfig
+from spec.config import DEFAULT, FAST, PAPER, TINY, TINY_V3, V3, AcceleratorConfig
 from spec.constants import FLIP_FLOP_BITS
 from spec.queues import OUTPUT_DRAINS
 from synth.design import elaborate
@@ -67,19 +67,19 @@ def test_memories_are_the_rtls(unit, machine):
 
 
 @pytest.mark.parametrize("config", [
-    pytest.param(config, marks=() if config is TINY_SUPERTILES else pytest.mark.long, id=config.name)
-    for config in (TINY_SUPERTILES, SUPERTILES)])
+    pytest.param(config, marks=() if config is TINY_V3 else pytest.mark.long, id=config.name)
+    for config in (TINY_V3, V3)])
 @pytest.mark.parametrize("unit", SUPERTILE_UNITS)
 def test_memories_of_machines_with_super_tiles_are_the_rtls(unit, config):
     assert of_table(config, SUPERTILE_UNITS[unit]) == of_rtl(UNITS[unit].make(config))
 
 
 def test_the_pixel_states_memories_are_the_rtls():
-    assert of_table(TINY_SUPERTILES, "pixel_state") == of_rtl(PixelState(TINY_SUPERTILES))
+    assert of_table(TINY_V3, "pixel_state") == of_rtl(PixelState(TINY_V3))
 
 
 def test_machines_with_super_tiles_have_no_memories_for_splat_records():
-    units = {store.unit for store in stores(SUPERTILES)}
+    units = {store.unit for store in stores(V3)}
     assert not units & {"splat_fetch", "header_maker"}
     assert {"record_fetch", "batch_buffer", "pixel_state", "depth_buckets"} <= units
 

@@ -12,7 +12,7 @@ import pytest
 from msv2.studies.area import culling
 from msv2.studies.colour import study
 from msv2.studies.colour.study import PAGE, REPORT, fill
-from spec.config import CONFIGS, PAPER
+from spec.config import MACHINES, PAPER
 from spec.errors import InputError
 from spec.paths import ROOT
 
@@ -77,7 +77,7 @@ def test_counts_are_those_of_the_units_of_today(report: dict) -> None:
     assert report["functions"] == study.function_rows() and report["operand_bits"] == study.operand_bits()
     assert len(report["cost"]) == len(study.PARTS) * len(study.MACHINES)
     for row in report["cost"]:
-        config = CONFIGS[row["config"]]
+        config = MACHINES[row["config"]]
         assert row["interval"] == study.splat_interval(config)
         assert row["multipliers"] == study.multipliers(config)[row["part"]]
         if row["register_bits"] is not None:

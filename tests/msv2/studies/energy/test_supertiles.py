@@ -13,15 +13,15 @@ from msv2.studies.energy.table import load_table
 from perf.model import MemoryModel
 from perf.supertiles import simulate_supertiles
 from perf.supertiles_trace import super_trace
-from spec.config import SUPERTILES
+from spec.config import V3
 from spec.constants import TILE
 
 
 @pytest.fixture(scope="module")
 def found():
     asked = resolve(parse_request("embedded", "--size", "128x96"))
-    trace = super_trace(pipeline.render(asked.model, asked.camera, config=SUPERTILES, foveation=asked.foveation))
-    return trace, simulate_supertiles(trace, SUPERTILES, memory=MemoryModel("lpddr3"), display=True)
+    trace = super_trace(pipeline.render(asked.model, asked.camera, config=V3, foveation=asked.foveation))
+    return trace, simulate_supertiles(trace, V3, memory=MemoryModel("lpddr3"), display=True)
 
 
 def test_what_works_twice_is_counted_twice(found):
@@ -35,7 +35,7 @@ def test_what_works_twice_is_counted_twice(found):
 
 def test_units_of_splat_records_are_gone_and_new_memories_have_rows(found):
     trace, cycles = found
-    report = frame_energy(super_counts(trace, cycles), cycles.total, SUPERTILES, super_table(load_table(), trace))
+    report = frame_energy(super_counts(trace, cycles), cycles.total, V3, super_table(load_table(), trace))
     units = report.by_unit()
     assert not {"splat_fetch", "header_maker"} & set(units)
     for name in ("record_fetch: beats", "batch_buffer: records", "pixel_state: sums", "depth_buckets: bounds"):
@@ -49,6 +49,6 @@ def test_each_new_memory_is_counted_by_some_operation(found):
     table = super_table(load_table(), found[0])
     measured = {unit.name for unit in load_table().units}
     named = {unit.name for unit in table.units}
-    for store in super_stores(SUPERTILES):
+    for store in super_stores(V3):
         assert store.unit in measured or f"{store.unit}: {store.name}" in named or store.name in (
             "of lists", "of super-tiles", "ends", "counts", "lists"), store

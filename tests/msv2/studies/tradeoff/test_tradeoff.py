@@ -15,7 +15,7 @@ from msv2.studies.tradeoff import choose, hard, knobs, tables, training
 from msv2.studies.tradeoff import study as command
 from msv2.studies.tradeoff.jobs import run_all
 from msv2.studies.tradeoff.scene import SceneRequest
-from spec.config import PAPER, PRESETS
+from spec.config import PRESETS, V3
 from spec.constants import SUPPORT_SIGMA
 from spec.errors import InputError
 from spec.paths import ROOT
@@ -85,13 +85,13 @@ def test_presets_are_the_recommendations_of_the_report():
         setting = knobs.combined(name, [tuple(part) for part in parts], 3, content["levels"])
         assert setting.config.formats == PRESETS[name].formats, name
         assert (3 if setting.sh_degree is None else setting.sh_degree) == PRESETS[name].sh_degree, name
-        assert PRESETS[name].with_(name=PAPER.name, formats=PAPER.formats, sh_degree=3) == PAPER
+        assert PRESETS[name].with_(name=V3.name, formats=V3.formats, sh_degree=3) == V3
 
 
 def test_every_word_length_of_the_sweep_is_one_that_machines_take():
     for knob, values in knobs.WORDS.items():
         for change in values.values():
-            assert change(knobs.Setting()).config != PAPER, knob
+            assert change(knobs.Setting()).config != knobs.BASE, knob
 
 
 def test_every_setting_is_one_change_of_a_machine_that_can_be():
@@ -100,11 +100,12 @@ def test_every_setting_is_one_change_of_a_machine_that_can_be():
     assert {"preset", "levels", "ecc_thresh", "support radius", "SH degree", "tile test", "variant", *knobs.WORDS} == {
         s.knob for s in settings[1:]}
     for setting in settings[1:]:
-        same = replace(setting, knob="default", value="", config=setting.config.with_(name=PAPER.name))
+        same = replace(setting, knob="default", value="", config=setting.config.with_(name=knobs.BASE.name))
         assert same != knobs.Setting(), setting.name
     both = knobs.combined("x", [("conic significand", "12"), ("SH degree", "1")], 3, "4, untrained")
     assert both.config.formats.conic.sig_bits == 12 and both.sh_degree == 1
-    assert knobs.word_bits(both.config) == knobs.word_bits(PAPER) - 4 - 4 - 3 * 3  # its factor, and three sums of the exponent
+    shorter = 4 + 4 + 3 * 3  # its factor, and three sums of the exponent
+    assert knobs.word_bits(both.config) == knobs.word_bits(knobs.BASE) - shorter
 
 
 def test_a_key_without_octaves_breaks_hard_cases_and_the_default_none():
@@ -114,7 +115,7 @@ def test_a_key_without_octaves_breaks_hard_cases_and_the_default_none():
 
 
 def test_rims_are_allowed_what_their_radius_shows():
-    setting = replace(knobs.Setting(), config=PAPER.with_(support_sigma=2.0))
+    setting = replace(knobs.Setting(), config=knobs.BASE.with_(support_sigma=2.0))
     assert hard.rim_of(hard.RIM, setting) == pytest.approx(hard.RIM * math.exp(-2.0) / math.exp(-SUPPORT_SIGMA**2 / 2))
     assert hard.rim_of(hard.RIM / 2, setting) == hard.RIM / 2 and hard.rim_of(hard.RIM, knobs.Setting()) == hard.RIM
 

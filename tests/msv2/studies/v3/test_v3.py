@@ -15,7 +15,7 @@ from msv2.studies.memory import IDEAL, LPDDR3
 from msv2.studies.performance.frames import request
 from msv2.studies.v3 import frames, photographs, study, summary, supertiles
 from msv2.studies.v3.page import page
-from spec.config import PAPER, SUPERTILES, V3
+from spec.config import PAPER, V3, V3_RECORDS
 
 
 def row(frame: str, machine: str, memory: str, cycles: int, total: int, **more: object) -> dict[str, object]:
@@ -34,10 +34,10 @@ def rows() -> list[dict[str, object]]:
     for frame, gain in (("truck", 2), ("garden_large", 8)):
         for memory, cycles in ((LPDDR3, 8_000), (IDEAL, 4_000)):
             for machine in frames.MACHINES:
-                v3 = machine == V3.name
+                v3 = machine == V3_RECORDS.name
                 out.append(row(frame, machine, memory, cycles // gain if v3 else cycles, 500 if v3 else 1000,
                                **({"chunks": 10, "chunks_read": 10 // gain} if v3 else {})))
-            out.append(row(frame, SUPERTILES.name, memory, cycles // gain // 2, 250, size="640x360", pairs=55, places=60,
+            out.append(row(frame, V3.name, memory, cycles // gain // 2, 250, size="640x360", pairs=55, places=60,
                            lists=4, batches=5, visits=12, header_misses=3))
     return out
 
@@ -53,7 +53,7 @@ def over(share: float, degrees: float | None, foveated: bool = True) -> dict[str
 
 
 def test_gains_are_geometric_means_over_the_frames(rows):
-    gains = summary.gains(rows, V3.name)
+    gains = summary.gains(rows, V3_RECORDS.name)
     assert math.isclose(gains["lpddr3_gain"], 4) and math.isclose(gains["ideal_gain"], 4)
     assert math.isclose(gains["bytes_gain"], 2) and math.isclose(gains["dram_energy_gain"], 4)
     assert math.isclose(summary.gains(rows, "paper, spatial order")["lpddr3_gain"], 1)
@@ -89,7 +89,7 @@ def test_goals_are_judged(rows, loss, reached):
     assert goals["share of garden_large's chunks that is read"]
     assert goals["dB lost against photographs, 1 level"] is reached
     assert goals["dB lost against photographs, 4 levels"]
-    slower = [r | {"cycles": 8_000} if r["machine"] == V3.name else r for r in rows]
+    slower = [r | {"cycles": 8_000} if r["machine"] == V3_RECORDS.name else r for r in rows]
     assert not {g["goal"]: g["reached"] for g in summary.goals(slower, [], [])}["LPDDR3 cycles of a frame, times fewer"]
 
 
@@ -114,7 +114,7 @@ def test_a_small_frame_is_measured_on_every_machine(tmp_path):
     assert spatial["bytes"]["read"]["geometry"] == paper["bytes"]["read"]["geometry"] >= wide["bytes"]["read"]["geometry"]
     assert v3["bytes"]["read"]["chunks"] == 32 * v3["chunks"] and "chunks" not in paper["bytes"]["read"]
     assert v3["bytes"]["read"]["geometry"] < 0.6 * wide["bytes"]["read"]["geometry"]
-    supers = found[SUPERTILES.name, LPDDR3]
+    supers = found[V3.name, LPDDR3]
     assert supers["total_bytes"] < v3["total_bytes"] and supers["energy_mj"]["dram"] < v3["energy_mj"]["dram"]
     assert supers["bytes"]["read"]["geometry"] == v3["bytes"]["read"]["geometry"]
     assert supers["entries"] == v3["entries"] and supers["survivors"] == v3["survivors"] <= supers["pairs"]
@@ -124,7 +124,7 @@ def test_a_small_frame_is_measured_on_every_machine(tmp_path):
 
 def test_bounds_of_a_frame_keep_the_next_one_from_overflowing(monkeypatch):
     """With lists above 1,024 pairs counted as too long, and a bound after every 512."""
-    monkeypatch.setattr(supertiles, "SUPERTILES", SUPERTILES.with_(sort_buffer_bytes=1 << 14))
+    monkeypatch.setattr(supertiles, "V3", V3.with_(sort_buffer_bytes=1 << 14))
     monkeypatch.setattr(supertiles, "next_bounds", lambda config, start, key: next_bounds(config, start, key, 512))
     rows = supertiles.overflow_rows(frames.Subject(EMBEDDED, "128x96"))
     assert [(r["foveated"], r["degrees"]) for r in rows] == [
