@@ -29,7 +29,7 @@ from perf.model import FrameCycles, MemoryModel
 from perf.perfetto import trace_events
 from spec.command_line import add_out_argument, command_parser
 from spec.config import AcceleratorConfig
-from spec.effects import EffectPlan
+from spec.effects import EffectPlan, with_two_eyes
 from spec.errors import InputError, run_command_line
 from spec.lpddr3 import CLOCKS_NS
 from spec.overrides import add_config_arguments, config_from, config_record
@@ -48,7 +48,7 @@ examples:
   %(prog)s --clock-mhz 600                            a slower machine, which waits fewer cycles for LPDDR3
   %(prog)s --memory ideal                             an ideal memory instead of four channels of LPDDR3-1600: a bound
   %(prog)s --bandwidth 12.8                           an ideal memory with half of their bandwidth
-  %(prog)s --stereo --ecc-thresh 27                   two eyes, the second warped beyond 27 degrees
+  %(prog)s --stereo --ecc-thresh 27 --config paper    two eyes, the second warped beyond 27 degrees
 """
 
 
@@ -109,6 +109,8 @@ def asked_of(args: argparse.Namespace) -> Asked:
         InputError: a value is not accepted.
     """
     config = config_from(args, "default")
+    if args.stereo:
+        with_two_eyes(config)  # raises where the machine has one eye
     options = run_options(args)
     if args.stereo and not options.display:
         raise InputError("pixels 'wide' is not accepted with --stereo: 'display' is")

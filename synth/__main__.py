@@ -9,6 +9,7 @@ from pathlib import Path
 
 from spec.command_line import command_parser
 from spec.config import CONFIGS
+from spec.effects import with_two_eyes
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import BUILD
@@ -108,7 +109,7 @@ def _machine(args: argparse.Namespace) -> Path:
     if args.config.lower() in CONFIGS:
         args.config = args.config.lower()
     config = config_from(args)
-    config = config.with_(stereo=args.stereo or config.stereo)
+    config = with_two_eyes(config) if args.stereo else config
     report = machine_area(config, args.tech, args.clock_ps, args.out, args.jobs, _say, args.runs)
     path = args.out / f"{config.name}{'-stereo' if args.stereo else ''}-{report.technology}-{args.clock_ps:.0f}.json"
     write_json(path, {**report.as_json(), "configuration": config_record(config)})

@@ -44,7 +44,9 @@ def warmers(plain: Path) -> tuple[Warmer, ...]:
         Warmer("renderer: a scene without spherical harmonics", render.main, (str(plain),)),
         Warmer("cycle model: a frame", perf.main, ("embedded", "--no-cache")),
         Warmer("cycle model: a foveated frame", perf.main, ("embedded", *FOVEATED, "--no-cache")),
-        Warmer("cycle model: two eyes", perf.main, ("embedded", *FOVEATED, "--stereo", "--pixels", "display", "--no-cache")),
+        Warmer("cycle model: two eyes", perf.main,
+               ("embedded", *FOVEATED, "--stereo", "--config", "paper", "--pixels", "display", "--no-cache")),
+        Warmer("cycle model: lists by tile", perf.main, ("embedded", "--config", "paper", "--no-cache")),
         Warmer("cycle model: the baseline", perf.main, (str(plain), "--merge", "0", "--pipeline", "0", "--no-cache")),
         Warmer("cycle model: ideal memory", perf.main, (str(plain), "--memory", "ideal", "--config", "paper", "--no-cache")),
     )

@@ -22,6 +22,7 @@ from golden.scenes.request import (
 )
 from spec.command_line import add_out_argument, choice, command_parser
 from spec.config import AcceleratorConfig
+from spec.effects import with_two_eyes
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import BUILD, short_path
@@ -64,11 +65,11 @@ examples:
   %(prog)s                                        the trained model of the embedded scene
   %(prog)s truck.splat --size 256x144 --gaze 128,72 --levels 4
   %(prog)s --merge 0 --pipeline 0                 the baseline: no merging, double buffers between stages
-  %(prog)s --effects all --pixels display         every effect and a second eye, on neutral data
+  %(prog)s --effects all --pixels display --config paper_small    every effect and a second eye, on neutral data
   %(prog)s --pixels display                       4 bytes a pixel instead of 16
   %(prog)s --memory lpddr3                        four channels of LPDDR3-1600 instead of the ideal memory
-  %(prog)s --stereo --ecc-thresh 27               two eyes, the second warped beyond 27 degrees
-  %(prog)s --part array                           only the array, with the golden renderer's intersections
+  %(prog)s --stereo --ecc-thresh 27 --config paper_small    two eyes, the second warped beyond 27 degrees
+  %(prog)s --part array --config paper            only the array, with the golden renderer's intersections
 """
 
 
@@ -95,6 +96,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     args.pixels = args.pixels or ("display" if args.stereo else "wide")
     if args.stereo and (args.part, args.pixels) != ("machine", "display"):
         raise InputError(f"part {args.part!r}, pixels {args.pixels!r} are not accepted with --stereo: 'machine', 'display' are")
+    if args.stereo:
+        with_two_eyes(config)  # raises where the machine has one eye, before the scene is read
+    if args.part == "array" and config.supertiles:
+        raise InputError(f"part 'array' is not accepted: config {config.name!r} has lists by super-tile, whose array takes "
+                         "visits of tiles; config 'paper' has the array of this part")
     options = run_options(args)
     if args.part == "array" and options.display:
         raise InputError(f"pixels {args.pixels!r} is not accepted with part 'array', which writes no memory: 'wide' is")

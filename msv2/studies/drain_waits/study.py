@@ -25,7 +25,7 @@ from rtl.shapes import layout
 from rtl.vrc_array.array import VrcArray
 from rtl.vrc_array.pixel_writer import PixelWriter
 from spec.command_line import command_parser
-from spec.config import AcceleratorConfig
+from spec.config import PAPER_SMALL, AcceleratorConfig
 from spec.constants import ENTRY_BYTES, TILE
 from spec.memory import BEAT_BYTES, DRAM_BYTES_PER_CYCLE, write_request
 from spec.overrides import add_config_arguments, config_from
@@ -38,6 +38,9 @@ from tb.common.playback import Playback, Stream
 from tb.common.scenes import traced_frames
 from tb.vrc_array.array_device import background_bits
 from tb.vrc_array.pixel_writer_stimuli import rows_of, writes_of
+
+MACHINE = PAPER_SMALL.name
+"""The machine if no other one is asked for: one whose array takes whole tiles."""
 
 ENTRIES_A_HIT = 8
 """One entry in this many finds its splat record in the cache, which is about what frames of real scenes show."""
@@ -143,10 +146,10 @@ def measure(config: AcceleratorConfig, size: str, folder: Path) -> tuple[list[tu
 def main(argv: Sequence[str] | None = None) -> int:
     """Prints the table; returns 1 when a bit differs."""
     parser = command_parser("msv2 study run drain_waits", __doc__.split("\n\n")[0])
-    add_config_arguments(parser, "default")
+    add_config_arguments(parser, MACHINE)
     parser.add_argument("--size", default="160x96", metavar="WxH", help="size of the frames, at least 50x40 (default: 160x96)")
     args = parser.parse_args(argv)
-    config = config_from(args, "default")
+    config = config_from(args, MACHINE)
     lines, right = measure(config, args.size, ROOT / "build" / "drains" / config.name)
     print(table(("frame", "buffer", "entries", "ops", "skipped", "cycles", "of them waited", "bits"), lines))
     return 0 if right else 1

@@ -27,7 +27,9 @@ out, *names = sys.argv[1:]
 for name in names:
     config = CONFIGS[name]
     units = {unit: UNITS[unit].make(config) for unit in UNITS}
-    machines = {"machine": Machine(config), "machine_stereo": Machine(config.with_(stereo=True))}
+    machines = {"machine": Machine(config)}
+    if getattr(config, "lists", "tile") == "tile":
+        machines["machine_stereo"] = Machine(config.with_(stereo=True))
     for unit, component in {**units, **machines}.items():
         (Path(out) / f"{name}.{unit}.il").write_text(to_rtlil(component, unit))
 """

@@ -39,10 +39,10 @@ RTL_REPORTS = ("frames", "frames_v3", "machine", "model_rtl")
 """The reports that hold frames of the RTL."""
 
 RTL_FRAMES = (
-    "embedded --size 160x96 --config default",
-    "truck --size 96x64 --config default --machine scene",
-    "embedded --size 128x128 --config default --stereo --gaze 64,64 --levels 4 --levels-from random",
-    "embedded --size 320x180 --config default --stereo --gaze 160,90 --levels 4 --levels-from random",
+    "embedded --size 160x96 --config paper_small",
+    "truck --size 96x64 --config paper_small --machine scene",
+    "embedded --size 128x128 --config paper_small --stereo --gaze 64,64 --levels 4 --levels-from random",
+    "embedded --size 320x180 --config paper_small --stereo --gaze 160,90 --levels 4 --levels-from random",
 )
 """Frames of the ideal memory that the other reports do not have: two eyes, a smaller machine, and one without harmonics and
 levels."""
