@@ -169,6 +169,31 @@ def test_circles_are_found():
     assert circles({"a": frozenset("b"), "b": frozenset("c"), "c": frozenset("b")}) == [["b", "c"]]
 
 
+def reached(roots: set[str]) -> set[str]:
+    """The modules of rtl that some of them import, however indirectly, with themselves."""
+    names, todo, found = {module_name(path): path for path in products()}, list(roots), set()
+    while todo:
+        name = todo.pop()
+        if name not in found:
+            found.add(name)
+            todo += [other for other in knows(names[name]) if other in names and other.startswith("rtl.")]
+    return found
+
+
+def test_the_frozen_files_are_those_of_machines_with_lists_by_tile_alone():
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    listed = re.findall(r"`([^`]+)`", re.search(r"<!-- frozen -->(.*?)<!-- end -->", text, flags=re.S)[1])
+    written = [path for name in listed for path in (
+        sorted((ROOT / "rtl" / name).rglob("*.py")) if name.endswith("/") else [ROOT / "rtl" / name])]
+    both = ("geometry", "render"), ("bin", "gather")
+    by_tile, by_supertile = ({f"rtl.top.{name}_phase" for name in names} for names in both)
+    phases = by_tile | by_supertile
+    shared = {name for name in knows(Path("rtl/top/machine.py")) if name.startswith("rtl.") and name not in phases}
+    own = reached(by_tile) - reached(by_supertile | shared)
+    packages = {module_name(path.relative_to(ROOT)) for path in written if path.name == "__init__.py"}
+    assert {module_name(path.relative_to(ROOT)) for path in written} - packages == own - packages
+
+
 def test_no_product_file_is_long():
     for path in products():
         lines = (ROOT / path).read_text(encoding="utf-8").count("\n")

@@ -16,7 +16,7 @@ from rtl.warp_unit.disparity import disparity_latency
 from rtl.warp_unit.fill import FILL_LATENCY
 from rtl.warp_unit.pack import queue_groups
 from rtl.warp_unit.queue import queue_rows, ring_tiles
-from spec.config import CONFIGS, PAPER, PRESETS, TINY, V3, V3_RECORDS
+from spec.config import CONFIGS, PAPER, PAPER_SMALL, PRESETS, TINY, V3, V3_RECORDS
 from spec.stereo import disparity
 
 UNITS = (1, 2, 4, 8)
@@ -81,7 +81,7 @@ class _Size:
     width, height, tiles_x = 64, 48, 4
 
 
-@pytest.mark.parametrize("config", CONFIGS.values(), ids=lambda config: config.name)
+@pytest.mark.parametrize("config", (TINY, PAPER_SMALL, PAPER, V3_RECORDS), ids=lambda config: config.name)
 def test_the_warp_units_sizes_are_the_rtls(config):
     config = config.with_(stereo=True)
     assert disparity(config).width + constants.DISPARITY_STAGES == disparity_latency(config)

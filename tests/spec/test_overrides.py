@@ -118,6 +118,12 @@ def test_a_record_from_before_super_tiles_is_a_machine_without_them():
         assert config_from_record(config_record(machine)) == machine
 
 
+def test_a_record_from_before_lockstep_is_a_machine_without_it():
+    record = config_record(V3)
+    assert record.pop("lockstep") is False
+    assert config_from_record(record) == V3
+
+
 def test_every_field_can_be_set():
     assert set(NAMES) == {f.name for f in fields(AcceleratorConfig)} - {"formats"} | {
         f"formats.{f.name}" for f in fields(NumberFormats)}

@@ -13,8 +13,10 @@ from msv2.studies.accuracy.study import BUDGETS_DB, worst_db
 from msv2.studies.memory import IDEAL, LPDDR3, cycles_cells, cycles_heads
 from msv2.studies.page import table
 from msv2.studies.performance.summary import OVER_GSCORE_GOAL, geomean
+from msv2.studies.tradeoff.knobs import base_of, preset_label
 from msv2.studies.training import labels
-from spec.config import PAPER
+from spec.config import MACHINES, PAPER, PRESETS
+from spec.overrides import config_from_record
 
 Reports = Mapping[str, Mapping[str, Any]]
 Row = tuple[str, str, str, str]
@@ -33,16 +35,17 @@ def headline_table(reports: Reports) -> str | None:
         return None
     head = ["quantity", "paper", "ours", "why they differ"]
     return table(head, [
-        *_exactness(reports), *_area(reports["area"]), *_speed(reports["performance"]), *_next_machine(reports["v3"]),
+        *_exactness(reports), *_area(reports["area"]), *_speed(reports["performance"]), *_our_machine(reports["v3"]),
         *_training(reports)])
 
 
 def _exactness(reports: Reports) -> Iterable[Row]:
     frames = [row for name in ("frames", "frames_v3") for row in reports.get(name, {}).get("rows", ())]
     views = reports["accuracy"]["rows"]
+    machines = " and ".join(f"`{_machine(reports[name])}`" for name in ("frames", "frames_v3") if name in reports)
     exact, pixels = sum(f["bit_exact"] for f in frames), sum(f["pixels_checked"] for f in frames)
     yield ("frames of the RTL equal to the golden renderer", "-", f"{exact} of {len(frames)}",
-           f"every bit of {pixels:,} pixels, and every counter, on `paper` and `v3`")
+           f"every bit of {pixels:,} pixels, and every counter, on {machines}")
     worst = {records: worst_db(views, records) for records in BUDGETS_DB}
     yield ("integer golden renderer against float64", "-", f"{worst['wide']:.1f} dB or more; {worst['compact']:.1f} dB with "
            "compact records", f"the worst of {sum(row['records'] == 'wide' for row in views)} views; the budgets are "
@@ -50,6 +53,15 @@ def _exactness(reports: Reports) -> Iterable[Row]:
     model = reports["model"]["summary"]
     yield ("cycle model against the RTL", "-", f"{100 * model['model_error_total']:.2f} % off at worst",
            f"total cycles of {model['frames']} frames")
+
+
+def _machine(report: Mapping[str, Any]) -> str:
+    """The name that the machine of a report of frames has today; that in its rows, if its parameters are not known."""
+    record = (report.get("provenance", {}).get("configuration") or {}).get("config")
+    if record is None:
+        return str(report["rows"][0]["config"])
+    made = config_from_record(record)
+    return next((config.name for config in MACHINES.values() if config.with_(name=made.name) == made), made.name)
 
 
 def _area(area: Mapping[str, Any]) -> Iterable[Row]:
@@ -90,11 +102,11 @@ def _speed(performance: Mapping[str, Any]) -> Iterable[Row]:
               "not like for like: the paper measured a GPU, ours is its roofline, which no GPU reaches", alike=False)
 
 
-def _next_machine(v3: Mapping[str, Any]) -> Iterable[Row]:
+def _our_machine(v3: Mapping[str, Any]) -> Iterable[Row]:
     step, before = v3["steps"]["supertiles"], v3["steps"]["records"]
-    yield ("frames of our next machine, `supertiles`, over `paper`", "-",
+    yield ("frames of our machine, `v3`, over `paper`", "-",
            f"{step['lpddr3_gain']:.2f}x; {step['ideal_gain']:.2f}x with an ideal memory",
-           f"records are gathered by super-tile and projected again: {step['bytes_gain']:.2f} times fewer bytes. `v3`, "
+           f"records are gathered by super-tile and projected again: {step['bytes_gain']:.2f} times fewer bytes. `v3_records`, "
            f"half way to it: {before['lpddr3_gain']:.2f}x (`make study NAME=v3`)")
 
 
@@ -123,9 +135,10 @@ def tradeoff_table(reports: Reports) -> str | None:
     """The time that accuracy costs, in at most six rows: the default machine, the presets, trained levels, and two eyes."""
     if "tradeoff" not in reports:
         return None
-    shown = {("default", ""): "`paper`", ("preset", "precise"): "`precise`", ("preset", "balanced"): "`balanced`",
-             ("preset", "fast"): "`fast`", ("variant", "H"): "`paper`, four trained levels",
-             ("ecc_thresh", "18 degrees"): "`paper`, second eye warped"}
+    base = base_of(reports["tradeoff"])
+    shown = {("default", ""): f"`{base.name}`", **{("preset", name): preset_label(base, name) for name in PRESETS},
+             ("variant", "H"): f"`{base.name}`, four trained levels",
+             ("ecc_thresh", "18 degrees"): f"`{PAPER.name}`, second eye warped"}
     found, rows = reports["tradeoff"]["machine"], []
     eyes = next((r["cycles"] for r in found if (r["knob"], r["value"]) == ("ecc_thresh", "both rendered")), None)
     for row in found:

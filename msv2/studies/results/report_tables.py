@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from msv2.studies.memory import ALL_NAMES, MEMORY_NAMES, cycles_cells, cycles_heads
 from msv2.studies.page import table
+from msv2.studies.tradeoff.knobs import base_of, preset_label
 
 SINGLE_EFFECTS = ("sh", "levels", "blend", "depth")
 
@@ -28,12 +29,13 @@ def presets_table(reports: dict[str, dict]) -> str | None:
     """The default machine and the presets: their cost and their loss of quality on the scene of the tradeoff study."""
     if "tradeoff" not in reports:
         return None
-    rows = []
+    base, rows = base_of(reports["tradeoff"]), []
     for row in reports["tradeoff"]["machine"]:
         if row["knob"] in ("default", "preset"):
+            name = preset_label(base, row["value"]) if row["value"] else f"`{base.name}`"
             area = "-" if row["area_mm2"] is None else f"{row['area_mm2']:.3f}"
             rows.append([
-                f"`{row['value'] or 'paper'}`", *cycles_cells(row), f"{row['speedup']:.2f}", f"{row['chip_mj']:.4f}",
+                name, *cycles_cells(row), f"{row['speedup']:.2f}", f"{row['chip_mj']:.4f}",
                 f"{row['dram_mj']:.4f}", area, f"{row['loss_db']:+.4f}", f"{100 * row['hvsq_change']:+.2f} %",
                 f"{row['worst_error_255']:.1f}"])
     cycles = cycles_heads(reports["tradeoff"]["machine"])

@@ -14,9 +14,10 @@ from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.load import EMBEDDED
 from golden.scenes.pictures import to_bytes
 from msv2.studies.tradeoff.frontiers import CLOCK_GHZ, named_rows
-from msv2.studies.tradeoff.knobs import DEFAULT, Setting, combined, single
+from msv2.studies.tradeoff.knobs import DEFAULT, Setting, base_of, combined, single
 from msv2.studies.tradeoff.scene import SceneRequest, TradeoffScene, load
 from msv2.studies.tradeoff.tables import Content
+from spec.config import AcceleratorConfig
 
 SIZE, WINDOW = "640x360", (184, 138)
 """Sizes in pixels of the rendered frame, and of the part of it that is shown."""
@@ -52,12 +53,12 @@ def largest_difference(one: np.ndarray, other: np.ndarray, window: tuple[int, in
     return int(x), int(y)
 
 
-def setting_of(row: dict, scene: TradeoffScene) -> Setting:
-    """The setting that a row of the content names."""
+def setting_of(row: dict, scene: TradeoffScene, base: AcceleratorConfig) -> Setting:
+    """The setting of the machine `base` that a row of the content names."""
     degree = scene.leveled[""].sh_degree
     if row["parts"]:
-        return combined(row["value"], [tuple(part) for part in row["parts"]], degree, scene.levels_named)
-    known = single(degree, scene.levels_named, [name for name in scene.leveled if name])
+        return combined(row["value"], [tuple(part) for part in row["parts"]], degree, scene.levels_named, base)
+    known = single(degree, scene.levels_named, [name for name in scene.leveled if name], base)
     return next(setting for setting in known if (setting.knob, setting.value) == (row["knob"], row["value"]))
 
 
@@ -85,7 +86,7 @@ def crops(content: Content, path: str, variants: Sequence[tuple[str, str]] = (),
     """
     scene = load(SceneRequest(path, size, 1, tuple(variants)))
     rows = {name: row for name, row in named_rows(content) if not row["variant"] or row["variant"] in scene.leveled}
-    images = {name: _render(scene, setting_of(row, scene)) for name, row in rows.items()}
+    images = {name: _render(scene, setting_of(row, scene, base_of(content))) for name, row in rows.items()}
     first = next(name for name, row in rows.items() if row["knob"] == DEFAULT)
     own = [name for name, row in rows.items() if not row["variant"]]
     flat = [name for name in own if rows[name]["knob"] not in (DEFAULT, "levels")]

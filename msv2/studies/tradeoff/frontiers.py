@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from msv2.studies.tradeoff.choose import pareto
-from msv2.studies.tradeoff.knobs import DEFAULT, PRESET
+from msv2.studies.tradeoff.knobs import DEFAULT, PRESET, base_of
 from msv2.studies.tradeoff.tables import Content
+from spec.config import PAPER
 
 MOST_LABELS = 6
 
@@ -86,7 +87,8 @@ def named_rows(content: Content) -> list[tuple[str, Mapping[str, Any]]]:
     models, and the presets that save time. Each with its name."""
     rows = [row for row in content["machine"] if not row.get("error") and row["threshold_deg"] is None]
     default = next(row for row in rows if row["knob"] == DEFAULT)
-    found = [("the paper's machine", default)]
+    base = base_of(content)
+    found = [("the paper's machine" if base is PAPER else f"the machine {base.name}", default)]
     found += [(_short(row), row) for row in rows if row["pareto"] and row is not default]
     found += [(f"model {row['value']}, trained levels", row) for row in rows if row["variant"]]
     found += [(f"preset {row['value']}", row) for row in rows

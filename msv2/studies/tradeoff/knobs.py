@@ -7,10 +7,10 @@ They are constants of the semantics (`spec.constants`) and no parameters of a ma
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 
-from spec.config import PAPER, PRESETS, V3, AcceleratorConfig, NumberFormats
+from spec.config import MACHINES, PAPER, PRESETS, V3, AcceleratorConfig, NumberFormats
 from spec.constants import MAX_LEVELS, REGION_START_DEG
 from spec.formats import UQ
 
@@ -19,6 +19,9 @@ CONSTANTS = ("ALPHA_MIN", "T_STOP")
 
 BASE = V3
 """The machine of one eye whose settings are varied."""
+
+FIRST_BASE = PAPER
+"""That of reports which do not name it."""
 
 DEFAULT = "default"
 PRESET = "preset"
@@ -143,20 +146,40 @@ def applied(knob: str, value: str, change: Change, to: Setting | None = None) ->
     return replace(made, knob=knob, value=value, config=made.config.with_(name="tradeoff"))
 
 
-def single(sh_degree: int, levels_named: str, variants: Iterable[str]) -> list[Setting]:
-    """The default, the presets and every setting of each knob. Those of two eyes begin with both eyes rendered."""
-    out = [Setting(), *(Setting(PRESET, name, config) for name, config in PRESETS.items())]
+def base_of(content: Mapping[str, object]) -> AcceleratorConfig:
+    """The machine whose settings a report varied."""
+    return MACHINES[str(content.get("config", FIRST_BASE.name))]
+
+
+def preset_label(base: AcceleratorConfig, name: str) -> str:
+    """What was measured for a preset: the machine itself, or the machine `base` with its formats and harmonics."""
+    alike = PRESETS[name].with_(name=base.name, formats=base.formats, sh_degree=base.sh_degree) == base
+    return f"`{name}`" if alike else f"`{base.name}` as `{name}`"
+
+
+def single(
+    sh_degree: int, levels_named: str, variants: Iterable[str], base: AcceleratorConfig = BASE,
+) -> list[Setting]:
+    """The default, the presets and every setting of each knob. Those of two eyes begin with both eyes rendered.
+
+    `base` is the default machine; the presets have their formats and harmonics on it.
+    """
+    out = [Setting(config=base), *(
+        Setting(PRESET, name, base.with_(name=name, formats=config.formats, sh_degree=config.sh_degree))
+        for name, config in PRESETS.items())]
     for knob, settings in changes(sh_degree, levels_named).items():
-        out += [applied(knob, value, change) for value, change in settings.items()]
+        out += [applied(knob, value, change, out[0]) for value, change in settings.items()]
     stereo = PAPER.with_(stereo=True)
     eyes = [(BOTH_RENDERED, "both rendered"), *((float(t), f"{t:g} degrees") for t in reversed(REGION_START_DEG))]
     out += [Setting("ecc_thresh", name, stereo, threshold_deg=threshold) for threshold, name in eyes]
-    return out + [Setting("variant", name, levels=MAX_LEVELS, variant=name) for name in variants]
+    return out + [Setting("variant", name, base, levels=MAX_LEVELS, variant=name) for name in variants]
 
 
-def combined(name: str, parts: Iterable[tuple[str, str]], sh_degree: int, levels_named: str) -> Setting:
+def combined(
+    name: str, parts: Iterable[tuple[str, str]], sh_degree: int, levels_named: str, base: AcceleratorConfig = BASE,
+) -> Setting:
     """A setting that combines settings of several knobs."""
-    known, made, parts = changes(sh_degree, levels_named), Setting(), tuple(parts)
+    known, made, parts = changes(sh_degree, levels_named), Setting(config=base), tuple(parts)
     for knob, value in parts:
         made = applied(knob, value, known[knob][value], made)
     return replace(made, knob="combination", value=name, parts=parts)

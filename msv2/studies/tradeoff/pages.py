@@ -9,7 +9,7 @@ from msv2.studies.page import table
 from msv2.studies.tradeoff.choose import ASSUMED_PSNR_DB
 from msv2.studies.tradeoff.crops import COLUMNS, SIZE, Crop
 from msv2.studies.tradeoff.frontiers import Frontier
-from msv2.studies.tradeoff.knobs import CONSTANTS
+from msv2.studies.tradeoff.knobs import BASE, CONSTANTS, base_of
 from msv2.studies.tradeoff.tables import (
     Content,
     broken_lines,
@@ -53,10 +53,11 @@ def sections(content: Content, pictures: Mapping[str, str]) -> list[tuple[str, s
          "The fastest setting of one eye within a loss that breaks no hard case and that the RTL has. Settings within 0.2 % of "
          "each other's cycles count as equally fast. Of these the one with fewer bits is taken, and of settings with as many "
          "bits the one with fewer harmonics. The energy follows from the work and the cycles and does not depend on word "
-         "lengths. The area is that of the paper's machine, where it is known."),
+         "lengths. The area is that of the build that is the same machine, if there is one."),
         ("Presets", presets(content) + "\n\n"
-         f"These machines of `spec.config.CONFIGS` are the recommendations on the embedded scene ({named}). The machine of a "
-         "preset has no more harmonics than the recommendation."),
+         f"Measured on `{base_of(content).name}` with the formats and harmonics of the machines `spec.config.PRESETS`, which "
+         f"have them on `{BASE.name}`. They are the recommendations on the embedded scene ({named}). The machine of a preset "
+         "has no more harmonics than the recommendation."),
         ("All settings of the machine", shown("settings")
          + "Bold: on the frontier of cycles and loss. Frames of two eyes are judged by the second eye, and their loss is "
          "relative to both eyes rendered. A setting **breaks** a hard case if the case's expectation or bound, which the "

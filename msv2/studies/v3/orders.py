@@ -15,7 +15,8 @@ from spec.config import PAPER, V3_RECORDS, AcceleratorConfig
 
 
 def order_rows(subject: Subject) -> list[dict[str, object]]:
-    """The numbers of a frame with the model in every order, on `paper` and, in orders that chunks can be cut from, on `v3`.
+    """The numbers of a frame with the model in every order, on `paper` and, in orders that chunks can be cut from, on
+    `v3_records`.
 
     Raises:
         InputError: the scene is missing.

@@ -24,8 +24,8 @@ def page(content: Mapping[str, Any]) -> str:
         "# v3: spatial order, chunks, compact records and lists by super-tile", _introduction(content),
         "## Goals", _goals(content["goals"]),
         "## Gains over `paper`", "Geometric means over the frames. `paper, spatial order` is work of the host alone. "
-        f"`{V3.name}` is `{V3_RECORDS.name}` with lists by super-tile and depth buckets; it gathers records and projects them "
-        "again.",
+        f"`{V3_RECORDS.name}` has chunks of compact records. `{V3.name}` has lists by super-tile and depth buckets, too; it "
+        "gathers records and projects them again.",
         _gains({**found["beside"], V3_RECORDS.name: found, V3.name: step}),
         *(part for memory in MEMORIES for part in (f"## Cycles, {MEMORY_NAMES[memory]}", _cycles(rows, memory))),
         "## Bytes by client", f"MB of a frame: `{PAPER.name}` / `{V3_RECORDS.name}` / `{V3.name}`.", _bytes(rows),
@@ -91,7 +91,7 @@ def _beside(values: Iterable[float], form: str = ".2f") -> str:
 
 
 def _compared(rows: Sequence[Row]) -> Iterator[tuple[Row, ...]]:
-    """For each frame, its rows on `paper`, `v3` and with super-tiles, with LPDDR3."""
+    """For each frame, its rows on `paper`, `v3_records` and `v3`, with LPDDR3."""
     for row in of(rows, machine=PAPER.name, memory=LPDDR3):
         yield row, *(of(rows, frame=row["frame"], machine=name, memory=LPDDR3)[0] for name in (V3_RECORDS.name, V3.name))
 

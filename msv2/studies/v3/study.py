@@ -1,8 +1,8 @@
-"""`msv2 study run v3`: what the steps from `paper` to `v3`, and on to lists by super-tile, give: bytes, cycles and energy of
-frames, how well depth buckets fit, and the loss against photographs: v3.{json,md}.
+"""`msv2 study run v3`: what the steps from `paper` to `v3` give: bytes, cycles and energy of frames, how well depth buckets
+fit, and the loss against photographs: v3.{json,md}. On the way lies `v3_records`, without lists by super-tile.
 
-The photographs need finished runs of fern and bonsai in build/train (`make train`) and their data sets; without them their part
-is left out.
+The photographs need finished runs of fern and bonsai in build/train (`make train`) and their data sets. Where a run is missing,
+its rows in reports/v3.json stay as they are; without any, they are left out.
 
 examples:
   msv2 study run v3                                   all frames, orders and photographs
@@ -13,10 +13,11 @@ examples:
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from golden.scenes.files import read_json
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import make_folder, parse_size
 from msv2.studies.energy.table import TABLE, load_table
@@ -29,6 +30,8 @@ from msv2.studies.v3.page import page
 from spec.command_line import command_parser
 from spec.config import V3
 from spec.paths import REPORTS
+
+REPORT = REPORTS / "v3.json"
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -47,8 +50,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(argv)
 
 
-def measure(args: argparse.Namespace) -> dict[str, Any]:
-    """The report's numbers.
+def measure(args: argparse.Namespace, old: Mapping[str, Any]) -> dict[str, Any]:
+    """The report's numbers; photographs whose run is missing have those of the report `old`.
 
     Raises:
         InputError: a scene that the command line names is missing.
@@ -79,11 +82,18 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     for scene, run in runs.items():
         with progress.step(f"photographs: {scene}"):
             photo_rows += photographs.photo_rows(scene, run)
+    photo_rows += _kept(old, missing_runs)
     return {
-        "clock_hz": frames.CLOCK_HZ, "missing": missing, "missing_runs": missing_runs,
+        "clock_hz": frames.CLOCK_HZ, "missing": missing,
+        "missing_runs": [scene for scene in missing_runs if scene not in {row["scene"] for row in photo_rows}],
         "ordered": [subject.name for subject in ordered], "goals": summary.goals(rows, photo_rows, overflow),
         "steps": summary.steps(rows, photo_rows, overflow), "frames": rows, "photographs": photo_rows,
         "orders": summary.order_means(order_rows), "order_frames": order_rows}
+
+
+def _kept(old: Mapping[str, Any], scenes: Sequence[str]) -> list[Mapping[str, Any]]:
+    """The photographs of these scenes in a report."""
+    return [row for row in old.get("photographs", ()) if row["scene"] in scenes]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -92,11 +102,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     for size in args.size:
         parse_size(size)
     out = make_folder(args.out)
-    content = measure(args)
+    old = read_json(REPORT) if REPORT.is_file() and not args.scene else {}
+    content = measure(args, old)
     scenes = [scene_file(scene) for scene in args.scene or frames.SCENES if scene != EMBEDDED]
     machines = frames.MACHINES | {V3.name: V3}
     write_report(out / "v3.json", content, [__name__], {"arguments": args, "machines": machines},
-                 [TABLE, *filter(None, scenes), *(run / "model.ply" for run in photographs.runs_here()[0].values())])
+                 [TABLE, *filter(None, scenes), *(run / "model.ply" for run in photographs.runs_here()[0].values())],
+                 earlier=old if _kept(old, photographs.runs_here()[1]) else None)
     write_page(out / "v3.md", page(content))
     for goal in content["goals"]:
         found = "not measured" if goal["found"] is None else f"{goal['found']:.4f}"

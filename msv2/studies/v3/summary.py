@@ -14,11 +14,11 @@ from spec.config import PAPER, V3, V3_RECORDS
 Row = Mapping[str, Any]
 
 BYTES_GOAL, LPDDR3_GOAL, CHUNKS_GOAL = 1.2, 1.25, 0.35
-"""How many times fewer bytes and cycles a frame of `v3` takes, as geometric means; and the largest share of garden_large's
-chunks that is read."""
+"""How many times fewer bytes and cycles a frame of `v3_records` takes, as geometric means; and the largest share of
+garden_large's chunks that is read."""
 
 SUPER_BYTES_GOAL, SUPER_CAPTURED_GOAL, SUPER_IDEAL_GOAL, SUPER_LPDDR3_GOAL, OVERFLOW_GOAL = 2.3, 2.35, 2.0, 2.4, 0.001
-"""The same of the machine with lists by super-tile: bytes of all frames, and at least of each captured scene at CAPTURED_SIZE;
+"""The same of `v3`, with lists by super-tile: bytes of all frames, and at least of each captured scene at CAPTURED_SIZE;
 cycles with the ideal memory and with LPDDR3; and the largest share of pairs in lists that the sorter cannot hold at once."""
 
 CAPTURED_SIZE = "640x360"
@@ -53,7 +53,7 @@ def _value(row: Row, name: str) -> float:
 
 
 def shares(rows: Sequence[Row]) -> dict[str, float]:
-    """The share of chunks that `v3` reads, by frame."""
+    """The share of chunks that machines with chunks read, by frame."""
     found = of(rows, machine=V3_RECORDS.name, memory=LPDDR3)
     return {row["frame"]: row["chunks_read"] / max(1, row["chunks"]) for row in found}
 
