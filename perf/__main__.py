@@ -109,11 +109,11 @@ def asked_of(args: argparse.Namespace) -> Asked:
         InputError: a value is not accepted.
     """
     config = config_from(args, "default")
-    if args.stereo:
-        with_two_eyes(config)  # raises where the machine has one eye
     options = run_options(args)
     if args.stereo and not options.display:
         raise InputError("pixels 'wide' is not accepted with --stereo: 'display' is")
+    if args.stereo:
+        with_two_eyes(config)  # raises where the machine has one eye
     if options.incremental is not None:
         config = config.with_(incremental=options.incremental)
     low, high = (1e3 / clock for clock in reversed(CLOCKS_NS))

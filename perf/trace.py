@@ -231,7 +231,7 @@ def trace_key(args: argparse.Namespace, config: AcceleratorConfig) -> str:
              for path in (Path(asked["scene"]), Path(asked["camera"])) if path.exists()]
     machine = (config.formats, config.levels, config.blend, config.sh_degree, config.depth, config.fine_depth,
                config.support_sigma, config.row_width, config.warp_columns, config.warp_fill, config.warp_veiled,
-               config.order, config.chunks, config.records)
+               config.order, config.chunks, config.records, config.lists)
     return fingerprint(sources_of("perf.trace"), VERSION, asked, files, machine)
 
 

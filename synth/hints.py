@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from rtl.units import TOP, UNITS
-from spec.config import DEFAULT, PAPER, AcceleratorConfig
+from spec.config import PAPER, PAPER_SMALL, AcceleratorConfig
 
 SYNTHESISED = tuple(name for name in UNITS if name != TOP)
 """Units that are synthesised by their names. The whole machine is synthesised unit by unit (`synth.area`)."""
 
-_OF_DEFAULT = ("pixel_core", "vrc_row")
+_OF_PAPER_SMALL = ("pixel_core", "vrc_row")
 
 _CULLING = {f"culling_units={units}": PAPER.with_(culling_units=units) for units in (4, 2, 1)}
 
 VARIANTS: dict[str, Mapping[str, AcceleratorConfig]] = {
     "pixel_core": {
-        "levels=1": DEFAULT.with_(levels=1), "depth=False": DEFAULT.with_(depth=False),
-        "levels=1, depth=False": DEFAULT.with_(levels=1, depth=False)},
+        "levels=1": PAPER_SMALL.with_(levels=1), "depth=False": PAPER_SMALL.with_(depth=False),
+        "levels=1, depth=False": PAPER_SMALL.with_(levels=1, depth=False)},
     "projection_unit": _CULLING,
     "colour_unit": _CULLING,
     "warp_unit": {f"warp_lanes={lanes}": PAPER.with_(warp_lanes=lanes) for lanes in (2, 1)},
@@ -38,4 +38,4 @@ blocks of all other units are chosen from the slack (`synth.report`).
 
 def config_of(unit: str) -> AcceleratorConfig:
     """The configuration that a unit is reported for."""
-    return DEFAULT if unit in _OF_DEFAULT else PAPER
+    return PAPER_SMALL if unit in _OF_PAPER_SMALL else PAPER

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from golden.msv2_ref.sort import sort_chunks
-from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.config import PAPER, PAPER_SMALL, TINY, AcceleratorConfig
 from spec.records import chunk_item
 from tb.common import exact
 from tb.common.emission import emitted
@@ -17,11 +17,12 @@ from tb.common.playback import Playback, Stream
 from tb.common.scenes import traced_frames, traced_size
 from tb.sort_tmu.chunk_stimuli import ORDERS, group_chunks, items_of, random_chunk, random_chunks
 
-VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "paper": PAPER}
+VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "paper_small": PAPER_SMALL, "paper": PAPER}
 """Configurations that can be tested."""
 
 DISTINCT = ("tiny", "paper")
-"""Configurations with different units: chunks of 256 and of 4,096 intersections. DEFAULT's are one bit shorter than PAPER's."""
+"""Configurations with different units: chunks of 256 and of 4,096 intersections. PAPER_SMALL's are one bit shorter than
+PAPER's."""
 
 PORTS = ("chunks", "sorted")
 

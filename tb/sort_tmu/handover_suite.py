@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from spec.config import DEFAULT, TINY, AcceleratorConfig
+from spec.config import PAPER_SMALL, TINY, AcceleratorConfig
 from spec.records import chunk_item
 from tb.common import exact
 from tb.common.emission import emitted
@@ -17,12 +17,12 @@ from tb.common.playback import Playback, Stream
 from tb.sort_tmu.chunk_stimuli import items_of, random_chunks
 
 VARIANTS: dict[str, AcceleratorConfig] = {
-    "tiny": TINY, "tiny-double": TINY.with_(incremental=False), "default": DEFAULT,
-    "default-double": DEFAULT.with_(incremental=False)}
+    "tiny": TINY, "tiny-double": TINY.with_(incremental=False), "paper_small": PAPER_SMALL,
+    "paper_small-double": PAPER_SMALL.with_(incremental=False)}
 """Configurations that can be tested."""
 
 DISTINCT = ("tiny", "tiny-double")
-"""Configurations with different units. DEFAULT's line buffer equals TINY's, and its double buffer is only longer."""
+"""Configurations with different units. PAPER_SMALL's line buffer equals TINY's, and its double buffer is only longer."""
 
 PORTS = ("sink", "source")
 

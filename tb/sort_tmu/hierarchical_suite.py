@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from golden.msv2_ref.sort import sort_chunks
-from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.config import PAPER, PAPER_SMALL, TINY, AcceleratorConfig
 from spec.memory import BEAT_BITS, BEAT_ENTRIES
 from spec.records import chunk_item
 from tb.common import exact
@@ -23,13 +23,14 @@ SMALL = TINY.with_(name="small", row_width=64, sort_buffer_bytes=256, merge_ways
 """Chunks of 16 intersections and two ways of merging, which need many rounds of merging in few cycles."""
 
 WIDE = TINY.with_(name="wide", sort_buffer_bytes=512, merge_ways=8)
-"""Chunks of 32 intersections, and as many ways of merging as DEFAULT and PAPER have."""
+"""Chunks of 32 intersections, and as many ways of merging as PAPER_SMALL and PAPER have."""
 
-VARIANTS: dict[str, AcceleratorConfig] = {"small": SMALL, "wide": WIDE, "tiny": TINY, "default": DEFAULT, "paper": PAPER}
+VARIANTS: dict[str, AcceleratorConfig] = {
+    "small": SMALL, "wide": WIDE, "tiny": TINY, "paper_small": PAPER_SMALL, "paper": PAPER}
 """Configurations that can be tested."""
 
-DISTINCT = ("small", "wide", "tiny", "default")
-"""Configurations with different units. PAPER's intersections are one bit longer than DEFAULT's."""
+DISTINCT = ("small", "wide", "tiny", "paper_small")
+"""Configurations with different units. PAPER's intersections are one bit longer than PAPER_SMALL's."""
 
 PORTS = ("groups", "sorted")
 

@@ -7,7 +7,7 @@ from math import isqrt
 
 import numpy as np
 
-from spec.config import DEFAULT, PAPER, TINY, TINY_V3, V3, AcceleratorConfig
+from spec.config import PAPER, PAPER_SMALL, TINY, TINY_V3, V3, AcceleratorConfig
 from spec.records import COUNT_BITS, frame_lists, intersection_tile, tile_group
 from tb.common import exact
 from tb.common.emission import emitted
@@ -17,7 +17,7 @@ from tb.common.scenes import traced_frames, traced_size
 from tb.sort_tmu.tile_merge_stimuli import Case, case_of, corner_cases, random_case
 
 VARIANTS: dict[str, AcceleratorConfig] = {
-    "tiny": TINY, "default": DEFAULT, "paper": PAPER, "tiny_v3": TINY_V3, "v3": V3}
+    "tiny": TINY, "paper_small": PAPER_SMALL, "paper": PAPER, "tiny_v3": TINY_V3, "v3": V3}
 """Configurations that can be tested."""
 
 DISTINCT = ("tiny", "paper", "tiny_v3")

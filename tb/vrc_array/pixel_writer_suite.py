@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from golden.msv2_ref.frame_memory import frame_pixels
-from spec.config import DEFAULT, PAPER, TINY, AcceleratorConfig
+from spec.config import PAPER, PAPER_SMALL, TINY, AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import BEAT_BITS
 from tb.common import exact
@@ -15,12 +15,12 @@ from tb.vrc_array.pixel_writer_device import playback
 from tb.vrc_array.pixel_writer_stimuli import every_value, random_pixels, rows_of, writes_of
 
 VARIANTS: dict[str, AcceleratorConfig] = {
-    "tiny": TINY, "tiny-2-wide": TINY.with_(cores_x=2), "tiny-8-wide": TINY.with_(cores_x=8, depth=False), "default": DEFAULT,
-    "paper": PAPER}
+    "tiny": TINY, "tiny-2-wide": TINY.with_(cores_x=2), "tiny-8-wide": TINY.with_(cores_x=8, depth=False),
+    "paper_small": PAPER_SMALL, "paper": PAPER}
 """Configurations that can be tested."""
 
 DISTINCT = ("tiny", "tiny-2-wide", "tiny-8-wide", "paper")
-"""Configurations with different units: every width of a pixel row. DEFAULT's is PAPER's."""
+"""Configurations with different units: every width of a pixel row. PAPER_SMALL's is PAPER's."""
 
 PORTS = ("rows", "writes")
 

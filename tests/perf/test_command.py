@@ -82,6 +82,13 @@ def test_changed_machines_are_modelled_and_recorded(perf):
     assert (found["pipeline"], found["merge"]) == (False, False)
 
 
+def test_machines_with_super_tiles_have_their_own_stages_and_traces(perf, tmp_path):
+    tile, supertile = perf(), perf("--config", "tiny_v3")
+    assert supertile["pairs"] > 0 and "pairs" not in tile and tile["entries"] == supertile["entries"]
+    assert supertile["stages"]["batch"]["busy"] > 0 and "views" not in supertile["dram_bytes"]["reads"]
+    assert len(list((tmp_path / "traces").iterdir())) == 2
+
+
 def test_the_clock_matters_to_dram_alone(perf):
     ideal = [perf("--memory", "ideal", *clock)["total"] for clock in ((), ("--clock-mhz", "500"))]
     assert ideal[0] == ideal[1]
@@ -94,6 +101,8 @@ def test_the_clock_matters_to_dram_alone(perf):
     (["--machine", "half"], "machine 'half'"),
     (["--memory", "ddr5"], "memory 'ddr5' is not accepted: choose one of ideal, lpddr3"),
     (["--clock-mhz", "0.5"], "clock of 0.5 MHz is not accepted: 1..100,000 MHz are"),
+    (["--stereo"], "two eyes are not accepted: config 'default' has .*; config 'paper' renders two"),
+    (["--stereo", "--config", "fast"], "two eyes are not accepted: config 'fast'"),
     (["--stereo", "--pixels", "wide"], "pixels 'wide' is not accepted with --stereo"), (["--config", "huge"], "config 'huge'"),
     (["--effects", "fog"], "effect 'fog'"), (["--size", "0x1"], "'0x1'"),
 ])

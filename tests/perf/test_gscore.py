@@ -6,7 +6,7 @@ import pytest
 from golden.msv2_ref import pipeline
 from golden.msv2_ref.projection import VISIBLE
 from perf import gscore
-from spec.config import DEFAULT
+from spec.config import PAPER_SMALL
 from spec.constants import ALPHA_MAX_L1, EXPONENT_SCALE, SUPPORT_SIGMA, TILE
 from tests.helpers.golden_samples import map_for, random_model, view
 
@@ -14,7 +14,7 @@ from tests.helpers.golden_samples import map_for, random_model, view
 @pytest.fixture(scope="module")
 def frame():
     camera = view(70, 50)
-    return pipeline.render(random_model(np.random.default_rng(3), 300), camera, config=DEFAULT)
+    return pipeline.render(random_model(np.random.default_rng(3), 300), camera, config=PAPER_SMALL)
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def test_subtiles_that_have_stopped_cost_nothing(frame):
 def test_foveated_frames_render_both_levels_of_a_blending_tile():
     camera = view(70, 50)
     model = random_model(np.random.default_rng(4), 200, levels=4)
-    frame = pipeline.render(model, camera, config=DEFAULT, foveation=map_for(camera, (0.1, 0.2), 4))
+    frame = pipeline.render(model, camera, config=PAPER_SMALL, foveation=map_for(camera, (0.1, 0.2), 4))
     blend = frame.registers.header[:, 1]
     assert 0 < blend.sum() < len(blend) and len(gscore.gscore_trace(frame).entries) == len(blend) + blend.sum()
 

@@ -17,7 +17,7 @@ pytest.importorskip("pyosys.libyosys", reason="needs the extra `synth`")
 
 from rtl.emit import to_rtlil
 from rtl.vrc_array.pixel_core import PixelCore
-from spec.config import DEFAULT
+from spec.config import PAPER_SMALL
 from spec.errors import InputError
 from synth import flow, timing
 from synth.__main__ import main
@@ -125,7 +125,7 @@ def stimulus(rng: random.Random, ports: dict, cycle: int) -> dict[str, list[int]
 @needs_pdk
 def test_netlist_of_library_cells_behaves_like_nand_gates(tmp_path: Path) -> None:
     """The mapped core against Yosys' own techmap of the same RTL, 64 random histories, every output in every cycle."""
-    rtlil, blocks = to_rtlil(PixelCore(DEFAULT), "pixel_core"), BLOCKS["pixel_core"]
+    rtlil, blocks = to_rtlil(PixelCore(PAPER_SMALL), "pixel_core"), BLOCKS["pixel_core"]
     liberty = merge(ASAP7, tmp_path / "asap7.lib")
     flow.synthesise(rtlil, "pixel_core", ASAP7, liberty, tmp_path, blocks)
     flow.count_nand2(rtlil, "pixel_core", tmp_path)

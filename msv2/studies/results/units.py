@@ -11,7 +11,7 @@ from rtl.float.multiply import FloatMul
 from rtl.float.roots import FloatRsqrt, FloatSqrt
 from rtl.vrc_array import blend, expand, row, setup, splat_fetch
 from spec.chunks import TEST_INTERVAL
-from spec.config import DEFAULT, PAPER
+from spec.config import PAPER, PAPER_SMALL
 
 Reports = dict[str, dict]
 
@@ -85,7 +85,7 @@ def unit_cycles(reports: Reports) -> dict[str, int]:
     stated = {
         "interval": splat_interval(PAPER), "chunk_interval": TEST_INTERVAL,
         "splat_fetch": splat_fetch.LATENCY, "setup": setup.LATENCY,
-        "expand": expand.latency(DEFAULT), "pixel_core": row.PIPELINE + row.SUMS_LATER, "blend": blend.BLEND_LATENCY,
+        "expand": expand.latency(PAPER_SMALL), "pixel_core": row.PIPELINE + row.SUMS_LATER, "blend": blend.BLEND_LATENCY,
         "float_add": FloatAdd.latency, "float_mul": FloatMul.latency, "float_divide": FloatDivide.latency,
         "float_reciprocal": FloatReciprocal.latency, "float_rsqrt": FloatRsqrt.latency, "float_sqrt": FloatSqrt.latency,
         "fixed_to_float": FixedToFloat.latency, "float_to_fixed": FloatToFixed.latency}

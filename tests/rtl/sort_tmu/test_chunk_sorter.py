@@ -14,7 +14,7 @@ from rtl.emit import to_rtlil
 from rtl.sort_tmu.chunk_sorter import ChunkSorter
 from rtl.sort_tmu.merge_stage import Kind, MergeStage, item_layout
 from rtl.sort_tmu.order import less
-from spec.config import DEFAULT, PAPER, TINY
+from spec.config import PAPER, PAPER_SMALL, TINY
 from spec.records import chunk_item, intersection
 from tests.helpers.rtl_streams import assert_rejected, exchange
 
@@ -87,8 +87,8 @@ def test_latency():
 
 
 @pytest.mark.parametrize(("config", "capacity", "bits"), [
-    (TINY, 256, 510 * 61), (DEFAULT, 4096, 8190 * 64), (PAPER, 4096, 532_350),
-], ids=["tiny", "default", "paper"])
+    (TINY, 256, 510 * 61), (PAPER_SMALL, 4096, 8190 * 64), (PAPER, 4096, 532_350),
+], ids=["tiny", "paper_small", "paper"])
 def test_sizes(config, capacity, bits):
     assert config.sort_chunk == capacity
     memories = re.findall(r"memory width (\d+) size (\d+)", to_rtlil(ChunkSorter(config), "sorter"))

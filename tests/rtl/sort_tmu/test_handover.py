@@ -8,7 +8,7 @@ import pytest
 
 from rtl.emit import to_rtlil
 from rtl.sort_tmu.handover import DoubleBuffer, LineBuffer, handover
-from spec.config import DEFAULT, PAPER, TINY
+from spec.config import PAPER, PAPER_SMALL, TINY
 from spec.records import chunk_item
 from tb.sort_tmu import handover_suite
 from tests.helpers.rtl_streams import assert_rejected, exchange
@@ -36,7 +36,7 @@ def test_tiny_passes_everything_in_as_many_cycles_as_it_must(name, tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["default", "default-double"])
+@pytest.mark.parametrize("name", ["paper_small", "paper_small-double"])
 def test_default_passes_everything(name, tmp_path):
     config = handover_suite.VARIANTS[name]
     assert handover_suite.run_plan(config, handover_suite.full_plan(config, 1), tmp_path).failures == {}
@@ -73,7 +73,7 @@ def test_the_config_decides():
 
 
 @pytest.mark.parametrize(("config", "entries"), [
-    (TINY, 127), (DEFAULT, 127), (TINY.with_(incremental=False), 512), (PAPER.with_(incremental=False), 8192)])
+    (TINY, 127), (PAPER_SMALL, 127), (TINY.with_(incremental=False), 512), (PAPER.with_(incremental=False), 8192)])
 def test_sizes(config, entries):
     """Of the line buffer one entry is in the memory's output register."""
     width, depth = re.search(r"memory width (\d+) size (\d+)", to_rtlil(handover(config), "handover")).groups()

@@ -15,7 +15,7 @@ from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
 from rtl.sort_tmu.merge_tree import MergeTree, run_layout
 from rtl.sort_tmu.run_reader import RunReader
 from rtl.sort_tmu.run_writer import RunWriter
-from spec.config import DEFAULT, TINY
+from spec.config import PAPER_SMALL, TINY
 from spec.records import intersection
 from tb.common.exact import problems
 from tb.sort_tmu import hierarchical_suite as suite
@@ -101,7 +101,7 @@ def test_tiny_is_exact_and_fast_enough(tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("config", [suite.SMALL, suite.WIDE, TINY, DEFAULT], ids=lambda config: config.name)
+@pytest.mark.parametrize("config", [suite.SMALL, suite.WIDE, TINY, PAPER_SMALL], ids=lambda config: config.name)
 def test_everything_is_exact(config, tmp_path):
     """Scenes' groups too; the embedded scene always, trained ones where they are."""
     plan = suite.full_plan(config, 2)
@@ -109,7 +109,7 @@ def test_everything_is_exact(config, tmp_path):
     assert outcome.failures == {}
 
 
-@pytest.mark.parametrize("config", [TINY, DEFAULT], ids=lambda config: config.name)
+@pytest.mark.parametrize("config", [TINY, PAPER_SMALL], ids=lambda config: config.name)
 def test_storage_is_what_the_text_says(config):
     def bits(component) -> int:
         memories = re.findall(r"memory width (\d+) size (\d+)", to_rtlil(component, "unit"))

@@ -16,7 +16,7 @@ from rtl.vrc_array.blend import BLEND_LATENCY
 from rtl.vrc_array.collect import Collect
 from rtl.vrc_array.expand import latency
 from rtl.vrc_array.row import PIPELINE, SUMS_LATER
-from spec.config import DEFAULT, TINY
+from spec.config import PAPER_SMALL, TINY
 from spec.constants import TILE
 from spec.records import array_splat, pixel_row, tile_header
 from tests.helpers.rtl_streams import assert_rejected
@@ -26,9 +26,9 @@ BASELINE = TINY.with_(incremental=False)
 
 
 @pytest.mark.parametrize("config", [
-    TINY, BASELINE, PLAIN.with_(depth=False, support_sigma=None), DEFAULT.with_(cores_x=8, cores_y=2),
+    TINY, BASELINE, PLAIN.with_(depth=False, support_sigma=None), PAPER_SMALL.with_(cores_x=8, cores_y=2),
     TINY.with_(cores_x=2, cores_y=16),
-    pytest.param(DEFAULT, marks=pytest.mark.long),
+    pytest.param(PAPER_SMALL, marks=pytest.mark.long),
 ], ids=lambda c: f"{c.cores_x}x{c.cores_y}-{c.level_banks}{'' if c.incremental else '-baseline'}")
 def test_verilog(config):
     text = emit("vrc_array", config)
@@ -138,7 +138,7 @@ def test_rows_are_collected_in_order_and_none_is_lost(config, lines, takes):
     assert made.rows == made.expected
 
 
-@pytest.mark.parametrize("config", [PLAIN.with_(cores_y=16), DEFAULT.with_(cores_x=2, levels=1)], ids=["4x16", "2x16"])
+@pytest.mark.parametrize("config", [PLAIN.with_(cores_y=16), PAPER_SMALL.with_(cores_x=2, levels=1)], ids=["4x16", "2x16"])
 def test_drains_follow_without_a_pause_where_the_buffer_holds_two(config):
     issued = drains(config, tiles=2, lines=2 * config.cores_y, takes=1.0).issued
     assert [b - a for a, b in pairwise(issued)] == [config.cores_y] * (len(issued) - 1)

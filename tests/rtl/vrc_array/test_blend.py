@@ -8,12 +8,12 @@ import pytest
 from amaranth.sim import Simulator
 
 from rtl.vrc_array.blend import BLEND_LATENCY, Blend, BlendWeights, weights_latency
-from spec.config import DEFAULT, TINY, NumberFormats
+from spec.config import PAPER_SMALL, TINY, NumberFormats
 from spec.formats import SQ
 from spec.tables import BLEND_INDEX_BITS, smoothstep_table
 from tests.helpers.rtl_streams import assert_rejected
 
-N = DEFAULT.formats
+N = PAPER_SMALL.formats
 ONE = 1 << N.plane.frac_bits
 
 
@@ -50,7 +50,7 @@ def run(dut, inputs: list[dict], latency: int, read) -> list:
     return found
 
 
-@pytest.mark.parametrize("config", [DEFAULT, TINY, TINY.with_(cores_x=2)], ids=lambda config: str(config.cores_x))
+@pytest.mark.parametrize("config", [PAPER_SMALL, TINY, TINY.with_(cores_x=2)], ids=lambda config: str(config.cores_x))
 def test_weights(config):
     rng, items = random.Random(1), []
     for i in range(300):

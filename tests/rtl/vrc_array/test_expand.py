@@ -11,12 +11,12 @@ from amaranth.sim import Simulator
 
 from rtl.vrc_array.blocks import BlockSequencer
 from rtl.vrc_array.expand import Expand, latency
-from spec.config import DEFAULT, TINY
+from spec.config import PAPER_SMALL, TINY
 from spec.constants import TILE
 from spec.records import pixel_op
 from tests.helpers.rtl_streams import assert_rejected
 
-N = DEFAULT.formats
+N = PAPER_SMALL.formats
 FLAGS = ("outer", "first", "last", "drain")
 
 
@@ -104,7 +104,7 @@ def simulate(config, ops: list[dict], spacing: int = 0, idle: float = 0.0) -> tu
 
 
 SHAPES = [
-    DEFAULT, TINY, DEFAULT.with_(cores_x=8, levels=1), DEFAULT.with_(cores_y=2), TINY.with_(cores_x=2, cores_y=16),
+    PAPER_SMALL, TINY, PAPER_SMALL.with_(cores_x=8, levels=1), PAPER_SMALL.with_(cores_y=2), TINY.with_(cores_x=2, cores_y=16),
 ]
 
 
@@ -117,7 +117,7 @@ def test_every_block_of_every_op(config, idle):
     assert rows == [row for op in ops for row in expected_rows(config, op)]
 
 
-@pytest.mark.parametrize("config", [DEFAULT, TINY], ids=lambda config: config.name)
+@pytest.mark.parametrize("config", [PAPER_SMALL, TINY], ids=lambda config: config.name)
 def test_no_gap_without_drains(config):
     rng = random.Random(2)
     ops = [an_op(rng) | {"drain": 0} for _ in range(20)]
@@ -129,7 +129,7 @@ def test_no_gap_without_drains(config):
 def test_drains_keep_their_distance():
     rng = random.Random(3)
     ops = [an_op(rng) | {"drain": i % 2} for i in range(10)]
-    rows, cycles = simulate(DEFAULT, ops, spacing=16)
+    rows, cycles = simulate(PAPER_SMALL, ops, spacing=16)
     drains = [cycle for cycle, row in zip(cycles, rows, strict=True) if row["drain"]]
     assert min(b - a for a, b in pairwise(drains)) == 16
 

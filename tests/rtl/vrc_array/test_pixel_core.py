@@ -12,15 +12,15 @@ from amaranth.sim import Simulator
 from rtl.emit import Emission, to_verilog
 from rtl.vrc_array.pixel_core import PixelCore
 from rtl.vrc_array.row import PIPELINE, VrcRow
-from spec.config import DEFAULT, TINY, AcceleratorConfig
+from spec.config import PAPER_SMALL, TINY, AcceleratorConfig
 from spec.formats import SQ, UQ
 from spec.tables import EXP2_SLOPE_FRAC, alpha_max_l1, exp2_segments, log2_alpha_min, t_stop
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*created but never used")  # constructors that raise
 
-N = DEFAULT.formats
+N = PAPER_SMALL.formats
 CUT_MIN = log2_alpha_min(N)
-PLAIN = DEFAULT.with_(cores_x=2)
+PLAIN = PAPER_SMALL.with_(cores_x=2)
 
 
 @dataclass(frozen=True)
@@ -237,7 +237,7 @@ def test_stopped_when_every_pixel_is() -> None:
 ])
 def test_formats_that_do_not_fit_are_rejected(field_name: str, value: object, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        PixelCore(DEFAULT.with_(formats=replace(N, **{field_name: value})))
+        PixelCore(PAPER_SMALL.with_(formats=replace(N, **{field_name: value})))
 
 
 @pytest.mark.parametrize("make", [PixelCore, VrcRow])
@@ -248,14 +248,14 @@ def test_config_is_required(make: type) -> None:
 
 def test_emission_shares_the_core() -> None:
     """Sixteen instances of one module, the same text every time."""
-    text = to_verilog(VrcRow(DEFAULT), "vrc_row")
+    text = to_verilog(VrcRow(PAPER_SMALL), "vrc_row")
     assert text.count("module pixel_core(") == 1
-    assert len(re.findall(r"^  pixel_core ", text, re.M)) == DEFAULT.cores_x
-    assert text == to_verilog(VrcRow(DEFAULT), "vrc_row")
+    assert len(re.findall(r"^  pixel_core ", text, re.M)) == PAPER_SMALL.cores_x
+    assert text == to_verilog(VrcRow(PAPER_SMALL), "vrc_row")
 
 
 def test_one_name_is_one_module() -> None:
     emission = Emission()
-    emission.instance("pixel_core", PixelCore, DEFAULT)
+    emission.instance("pixel_core", PixelCore, PAPER_SMALL)
     with pytest.raises(ValueError, match="one module"):
         emission.instance("pixel_core", PixelCore, TINY)

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from rtl.vrc_array.setup import LATENCY, SetupUnit
-from spec.config import DEFAULT, NumberFormats
+from spec.config import PAPER_SMALL, NumberFormats
 from spec.constants import EXPONENT_SCALE, LOW_PASS
 from spec.formats import SQ
 from spec.records import array_splat, pixel_op, tile_header
 from spec.tables import CENTRE_EXPONENT_MAX, log2_alpha_min, support_exponent
 from tests.helpers.rtl_streams import assert_rejected, exchange
 
-N = DEFAULT.formats
+N = PAPER_SMALL.formats
 LARGEST = EXPONENT_SCALE / LOW_PASS**0.5
 BACKGROUND = (3, 700, 1023)
 
@@ -117,14 +117,14 @@ def simulate(config, work, stopped: int = 0, count: int | None = None, **options
 
 @pytest.mark.parametrize("pauses", [0.0, 0.4])
 def test_ops_are_those_of_the_text(pauses):
-    expected, found, _ = simulate(DEFAULT, tiles(1, [0, 30, 1, 0, 0, 2, 60, 200]), pauses=pauses, seed=7)
+    expected, found, _ = simulate(PAPER_SMALL, tiles(1, [0, 30, 1, 0, 0, 2, 60, 200]), pauses=pauses, seed=7)
     assert found == expected
     assert {op["bank"] for op in found} == {0, 1}
 
 
 @pytest.mark.parametrize("changes", [{"levels": 1}, {"depth": False}, {"support_sigma": None}])
 def test_variants(changes):
-    expected, found, _ = simulate(DEFAULT.with_(**changes), tiles(2, [40, 0, 20]))
+    expected, found, _ = simulate(PAPER_SMALL.with_(**changes), tiles(2, [40, 0, 20]))
     assert found == expected
 
 
@@ -136,8 +136,8 @@ def test_some_pairs_are_dropped_and_most_are_not():
 
 def test_every_op_fits_its_record():
     for header, entries in tiles(4, [200] * 5):
-        for op in ops_of(DEFAULT, header, entries):
-            pixel_op(DEFAULT).pack(op)
+        for op in ops_of(PAPER_SMALL, header, entries):
+            pixel_op(PAPER_SMALL).pack(op)
 
 
 def test_one_op_a_cycle():
@@ -147,7 +147,7 @@ def test_one_op_a_cycle():
         for entry in entries:
             entry["use"] = [1, 1]
             entry["mean2d"] = N.mean2d.quantise([16 * header[f"tile_{axis}"] + 8 for axis in "xy"]).tolist()
-    expected, found, cycles = simulate(DEFAULT, work)
+    expected, found, cycles = simulate(PAPER_SMALL, work)
     assert found == expected
     assert cycles == list(range(cycles[0], cycles[0] + len(found)))
     assert cycles[0] in (LATENCY, LATENCY + 1), "the header's cycle, and the entry's as it waits"
@@ -155,7 +155,7 @@ def test_one_op_a_cycle():
 
 def test_stopped_tiles_only_give_their_background():
     work = tiles(6, [20, 3, 40])
-    expected, found, _ = simulate(DEFAULT, work, stopped=0b11)
+    expected, found, _ = simulate(PAPER_SMALL, work, stopped=0b11)
     assert found == expected
     assert all(op["last"] for op in found)
 
@@ -166,7 +166,7 @@ def test_stopped_tiles_only_give_their_background():
 ])
 def test_formats_that_contradict_the_text_are_rejected(wrong):
     [value] = wrong.values()
-    assert_rejected(lambda: SetupUnit(DEFAULT.with_(formats=NumberFormats(**wrong))), ValueError, value)
+    assert_rejected(lambda: SetupUnit(PAPER_SMALL.with_(formats=NumberFormats(**wrong))), ValueError, value)
 
 
 def test_config_must_be_one():

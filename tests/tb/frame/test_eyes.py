@@ -124,7 +124,7 @@ def test_a_wrong_counter_or_an_error_fails(played, tmp_path, capfd):
     ("128x96", "--gaze 64,48 --levels 4 --levels-from random"), ("100x70", "--ecc-thresh 0 --pipeline 0")],
     ids=["foveated", "plain"])
 def test_the_embedded_scene_in_both_eyes(tmp_path, size, options):
-    argv = ["embedded", "--size", size, *options.split(), "--stereo", "--config", "default", "--out", str(tmp_path)]
+    argv = ["embedded", "--size", size, *options.split(), "--stereo", "--config", "paper_small", "--out", str(tmp_path)]
     assert command.main(argv) == 0
     report = json.loads((tmp_path / "frame.json").read_text())
     assert report["bit_exact"] and report["counter_errors"] == report["stream_errors"] == []

@@ -48,9 +48,9 @@ def test_a_single_pixel_that_differs_fails(tmp_path, monkeypatch, capfd):
 @pytest.mark.long
 @pytest.mark.data
 @pytest.mark.parametrize("gaze", [(), ("--gaze", "100,60", "--levels", "4", "--levels-from", "random")])
-def test_truck_is_bit_exact_on_the_default_machine(data_dir, tmp_path, gaze):
+def test_truck_is_bit_exact_in_the_array_of_paper_small(data_dir, tmp_path, gaze):
     scene = str(data_dir / "trained" / "truck.splat")
-    options = ["--size", "256x144", *gaze, "--part", "array", "--config", "default", "--out", str(tmp_path)]
+    options = ["--size", "256x144", *gaze, "--part", "array", "--config", "paper_small", "--out", str(tmp_path)]
     assert command.main([scene, *options]) == 0
     report = json.loads((tmp_path / "frame.json").read_text())
     assert report["cycles"] < 1.5 * report["entries"] and report["cycles_per_s"] > 1000
@@ -82,6 +82,8 @@ def test_truck_is_bit_exact_on_a_preset(data_dir, tmp_path):
     (["embedded", "--part", "half"], "'half' is not accepted: choose one of machine, array"),
     (["embedded", "--pixels", "tall"], "pixels 'tall' is not accepted: choose one of wide, display"),
     (["embedded", "--pixels", "display", "--part", "array"], "pixels 'display' is not accepted with part 'array'"),
+    (["embedded", "--stereo"], r"^two eyes are not accepted: config 'default' has .*; config 'paper' renders two$"),
+    (["embedded", "--part", "array", "--config", "v3"], "part 'array' is not accepted: config 'v3' has lists by super-tile"),
     (["embedded", "--stereo", "--pixels", "wide"], "part 'machine', pixels 'wide' are not accepted with --stereo"),
     (["embedded", "--stereo", "--part", "array"], "part 'array', pixels 'display' are not accepted with --stereo"),
     (["embedded", "--ecc-thresh", "18"], "--ecc-thresh 18.0 is not accepted without --stereo"),

@@ -10,7 +10,7 @@ from PIL import Image
 from golden.host.memory_image import DisplayPixels, FramePixels, spill_beats
 from golden.msv2_ref import pipeline
 from golden.msv2_ref.frame_memory import display_pixels
-from spec.config import DEFAULT, TINY
+from spec.config import PAPER_SMALL, TINY
 from spec.constants import TILE
 from spec.lpddr3 import CHANNELS
 from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES, PIXEL_BYTES, display_pixel, frame_pixel, page_beats
@@ -71,7 +71,7 @@ def test_pixels_from_memory_become_tiles(frame):
     assert np.argwhere(changed.pixels.depth != frame.pixels.depth).tolist() == [[1 * 5 + 2, 1, 1]]
 
 
-@pytest.mark.parametrize("config", [TINY, DEFAULT], ids=lambda config: config.name)
+@pytest.mark.parametrize("config", [TINY, PAPER_SMALL], ids=lambda config: config.name)
 def test_the_bound_follows_the_text(frame, config):
     frame = replace(frame, config=config)
     e, blend = frame.entries, frame.registers.header[:, 1]

@@ -12,7 +12,7 @@ from msv2.studies.energy.dram import LPDDR3
 from msv2.studies.energy.frame import CHIP, CLOCK_TREE_SHARE, PARTS, WorkCounts, counter_counts, frame_energy
 from msv2.studies.energy.sources import SRAM_POINTS, SRAM_TO_16NM, sram_access_pj
 from msv2.studies.energy.table import TABLE, Memory, Table, Unit, load_table
-from spec.config import DEFAULT, PAPER
+from spec.config import PAPER, PAPER_SMALL
 from spec.errors import InputError
 
 REFERENCE = {"cores": 256, "culling_units": 8, "warp_lanes": 4}
@@ -85,7 +85,7 @@ def test_by_hand():
 def test_a_smaller_machine_has_less_to_clock():
     half, whole = (frame_energy(WORK, 5000, PAPER.with_(cores_y=y), SMALL).by_unit()["cores"] for y in (8, 16))
     assert half["clock"] == pytest.approx(whole["clock"] / 2) and half["dynamic"] == pytest.approx(whole["dynamic"] / 2)
-    fewer = frame_energy(WORK, 5000, DEFAULT, SMALL)
+    fewer = frame_energy(WORK, 5000, PAPER_SMALL, SMALL)
     assert fewer.by_unit()["adder"]["clock"] == pytest.approx(2.5 * 5000 * 2 / 4 * 1e-9)
 
 
