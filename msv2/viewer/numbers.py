@@ -13,6 +13,7 @@ from msv2.studies.energy.modelled import modelled_energy
 from msv2.studies.energy.table import Table, load_table
 from perf.frames import simulate, trace_of
 from perf.model import FrameCycles, MemoryModel
+from perf.supertiles import SuperCycles
 from spec.effects import EffectPlan
 
 
@@ -62,14 +63,15 @@ class Numbers:
         memory = "an ideal memory" if self.ideal_cycles is None else "LPDDR3"
         bound = "" if self.ideal_cycles is None else (
             f" ({1e3 * self.ideal_cycles / e.clock_hz:.2f} ms with an ideal memory of its bandwidth, a bound)")
+        lists, cache = ("lists", "cache of chunk headers") if isinstance(c, SuperCycles) else ("tiles", "splat cache")
         rows = "no rows to open" if e.counts.not_counted else f"{c.activates:,} rows opened"
         return (
             f"Machine `{self.machine}` at {e.clock_hz / 1e6:,.0f} MHz with {memory}: "
             f"{1e3 * c.total / e.clock_hz:.2f} ms a frame{bound}\n\n"
             f"| {' | '.join((*c.phases, 'total'))} |\n|{'--:|' * (len(c.phases) + 1)}\n| {phases} |\n\n"
             f"| stage | busy | blocked | starved | busy |\n|---|--:|--:|--:|--:|\n{stages}\n\n"
-            f"Cycles of each phase, and of each stage's input. {c.groups:,} groups of tiles, {c.fetch_misses:,} misses of the "
-            f"splat cache, {c.dram_bytes['read'] / 1e6:.2f} MB read, {c.dram_bytes['write'] / 1e6:.2f} MB written, {rows}.\n\n"
+            f"Cycles of each phase, and of each stage's input. {c.groups:,} groups of {lists}, {c.fetch_misses:,} misses of "
+            f"the {cache}, {c.dram_bytes['read'] / 1e6:.2f} MB read, {c.dram_bytes['write'] / 1e6:.2f} MB written, {rows}.\n\n"
             f"| chip, mJ | DRAM, mJ | assumed, mJ | all, mJ | chip, mW |\n|--:|--:|--:|--:|--:|\n"
             f"| {e.chip_mj:.3f} | {e.sum_mj('dram'):.3f} | {e.sum_mj('assumed'):.3f} | {e.total_mj:.3f} | {power:.0f} |\n\n"
             f"Assumed are wires and the clock tree. Effects: {active}.")

@@ -29,7 +29,7 @@ from msv2.studies.rtl_frame import COMMAND, kept_frame
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.trace import FrameTrace, trace_request
 from spec.command_line import choice, command_parser
-from spec.config import CONFIGS, AcceleratorConfig
+from spec.config import MACHINES, PAPER_SMALL, V3_RECORDS, AcceleratorConfig
 from spec.effects import EffectPlan
 from spec.errors import InputError
 from spec.paths import REPORTS, ROOT
@@ -86,6 +86,9 @@ _LARGE_ROW = {"size": (1920, 1080), "gaze": (960, 540), "levels": 4}
 
 TIMED_SECONDS = 10.0
 
+RENAMED = {"default": PAPER_SMALL, "v3": V3_RECORDS}
+"""The machines of frames in reports of before `default` and `v3` had lists by super-tile, by the names that they had."""
+
 PHASES = ("table", "geometry", "render")
 COMMANDS = ("activates", "refreshes")
 TOTAL_GOAL, STAGE_GOAL, SPEED_GOAL = 0.02, 0.05, 500
@@ -109,7 +112,9 @@ def request(row: Mapping[str, object], scene: str) -> argparse.Namespace:
 
 def machine(row: Mapping[str, object]) -> AcceleratorConfig:
     """The machine of a report's frame: that of its whole configuration, or only what the frame needs (tb.frame --machine)."""
-    config = CONFIGS[row["config"]]
+    config = MACHINES[row["config"]]
+    if config.supertiles and "fetch_hits" in row["events"]:
+        config = RENAMED[config.name]
     config = config.with_(stereo=True) if "target_cycles" in row else config
     if row.get("machine") != "scene":
         return config
@@ -208,7 +213,7 @@ def side_by_side() -> dict[str, object]:
     trace, frame = model_row(row, EMBEDDED)  # also compiles or loads the kernels
     runs, begin = 0, time.process_time()
     while time.process_time() - begin < TIMED_SECONDS:
-        frame = simulate(trace, CONFIGS[row["config"]], memory=MemoryModel(IDEAL), display=False)
+        frame = simulate(trace, MACHINES[row["config"]], memory=MemoryModel(IDEAL), display=False)
         runs += 1
     seconds = (time.process_time() - begin) / runs
     model, rtl = frame.total / seconds, row["cycles_per_s"] * row["wall_s"] / row["cpu_s"]
@@ -222,9 +227,9 @@ def large_frame() -> dict[str, object] | None:
     scene = scene_argument(name)
     if scene is None:
         return None
-    trace = trace_request(request(_LARGE_ROW, scene), CONFIGS["paper"], cache=BUILD / "traces")
+    trace = trace_request(request(_LARGE_ROW, scene), MACHINES["paper"], cache=BUILD / "traces")
     begin = time.process_time()
-    frame = simulate(trace, CONFIGS["paper"], memory=MemoryModel(IDEAL), display=True)
+    frame = simulate(trace, MACHINES["paper"], memory=MemoryModel(IDEAL), display=True)
     return {"frame": LARGE, "cycles": frame.total, "model_seconds": time.process_time() - begin}
 
 
