@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,3 +43,9 @@ class Camera:
         frame."""
         sx, sy = width / self.width, height / self.height
         return replace(self, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy, width=width, height=height)
+
+    def turned(self, degrees: float) -> Camera:
+        """The camera turned in its place about its own vertical axis, to the right where `degrees` is positive."""
+        sine, cosine = math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
+        turn = np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
+        return replace(self, rotation=turn @ self.rotation, translation=turn @ self.translation)

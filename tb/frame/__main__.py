@@ -30,8 +30,9 @@ from spec.private import output_folder
 from tb.common.runner import WAVES_FILE, SimulationError, Waves, parse_window
 from tb.common.wave_view import view_path
 from tb.frame.eyes import save_eyes, simulate_eyes
+from tb.frame.row import add_row_arguments, check_row, golden_row, row_numbers
 from tb.frame.simulate import simulate_frame
-from tb.frame.whole import picture, simulate_machine
+from tb.frame.whole import picture, simulate_row
 from tb.top import device
 from tb.top.memory import MemorySpeed
 
@@ -54,6 +55,9 @@ or a counter differs. The most important numbers of frame.json are:
   dram_bytes            all bytes read and written, and those of each client
   memory                ideal or lpddr3; of the latter, activates and refreshes are the numbers of these commands
 
+With --frames N the pictures are frame_0.png, frame_1.png, ..., these numbers are those of the last frame (what differs is that
+of all frames), and `frames` has the numbers of each of them; `turned` is its camera's angle.
+
 With --stereo these numbers count both eyes together, and there are also:
 
   stereo_overhead       cycles / (geometry_cycles + bound_cycles), the cost of warping in addition to the rendering
@@ -68,6 +72,7 @@ examples:
   %(prog)s --effects all --pixels display --config paper_small    every effect and a second eye, on neutral data
   %(prog)s --pixels display                       4 bytes a pixel instead of 16
   %(prog)s --memory lpddr3                        four channels of LPDDR3-1600 instead of the ideal memory
+  %(prog)s --frames 3 --turn 5                    three frames in a row, each with the lists that suit the one before
   %(prog)s --stereo --ecc-thresh 27 --config paper_small    two eyes, the second warped beyond 27 degrees
   %(prog)s --part array --config paper            only the array, with the golden renderer's intersections
 """
@@ -78,6 +83,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add_request_arguments(parser, size="256x144", scene=TRAINED)
     add_stereo_arguments(parser)
     add_effect_arguments(parser)
+    add_row_arguments(parser)
     add_config_arguments(parser, "default")
     add_run_arguments(parser)
     parser.add_argument("--part", default="machine", metavar="|".join(PARTS),
@@ -96,6 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args.pixels = args.pixels or ("display" if args.stereo else "wide")
     if args.stereo and (args.part, args.pixels) != ("machine", "display"):
         raise InputError(f"part {args.part!r}, pixels {args.pixels!r} are not accepted with --stereo: 'machine', 'display' are")
+    check_row(args)
     if args.stereo:
         with_two_eyes(config)  # raises where the machine has one eye, before the scene is read
     if args.part == "array" and config.supertiles:
@@ -138,20 +145,24 @@ def _one_eye(
     """Simulates one frame, saves its picture and returns its numbers. The machine of a second eye writes display pixels only,
     so with a forced second eye that machine is simulated only for display pixels."""
     how = {"beta": options.beta, "speed": _speed(options), "waves": waves}
-    golden = work.render(beta=options.beta)
+    two = work.second_eye_forced and options.display
+    if two and args.frames > 1:
+        raise InputError(f"frames {args.frames} is not accepted with effects {args.effects!r}, which have a second eye: 1 is")
+    golden = golden_row(work, args.frames, args.turn, beta=options.beta)
     (out / "frame.json").unlink(missing_ok=True)  # a failed run must not leave the numbers of an earlier one
     if args.part == "array":
-        numbers, rtl = simulate_frame(work.config, golden, folder, waves)
-        image = rtl.image
-    elif work.second_eye_forced and options.display:
-        eyes = work.add_eye(golden, beta=options.beta)
+        numbers, rtl = simulate_frame(work.config, golden[0], folder, waves)
+        save_png(out / "frame.png", rtl.image)
+        return numbers
+    if two:
+        eyes = work.add_eye(golden[0], beta=options.beta)
         numbers, result = simulate_eyes(eyes, device.machine(work.config), folder, **how)
-        image = picture(golden, result.pixels)
-    else:
-        numbers, pixels = simulate_machine(golden, device.machine(work.config), folder, display=options.display, **how)
-        image = picture(golden, pixels)
-    save_png(out / "frame.png", image)
-    return numbers
+        save_png(out / "frame.png", picture(golden[0], result.pixels))
+        return numbers
+    found = simulate_row(golden, device.machine(work.config), folder, display=options.display, **how)
+    for number, (frame, (_, pixels)) in enumerate(zip(golden, found, strict=True)):
+        save_png(out / (f"frame_{number}.png" if args.frames > 1 else "frame.png"), picture(frame, pixels))
+    return row_numbers([numbers for numbers, _ in found], args.turn)
 
 
 def _speed(options: RunOptions) -> MemorySpeed:
@@ -176,6 +187,7 @@ def _verdict(numbers: dict, out: str) -> int:
     for mismatch in numbers["first_mismatches"]:
         place = f" of tile {mismatch['tile']}" if "tile" in mismatch else ""
         place += f" of the {mismatch['eye']} eye" if "eye" in mismatch else ""
+        place += f" in frame {mismatch['frame']}" if "frame" in mismatch else ""
         print("pixel ({x}, {y}){place}: {field} is {rtl}, golden {golden}".format(**mismatch, place=place))
     wrong_counters = numbers.get("counter_errors", [])
     for problem in (*numbers["stream_errors"], *wrong_counters):
@@ -183,6 +195,9 @@ def _verdict(numbers: dict, out: str) -> int:
     verdict = "bit-exact" if numbers["bit_exact"] else f"NOT bit-exact: {numbers['mismatches']} values differ"
     print(f"{out}: {verdict}, {numbers['pixels_checked']:,} pixels, {numbers['entries']:,} intersections, "
           f"{numbers['cycles']:,} cycles at {numbers['cycles_per_s']:,} cycles/s{compile_note()}")
+    for number, each in enumerate(numbers.get("frames", ())):
+        lists = f", {each['lists']:,} lists" if "lists" in each else ""
+        print(f"{out}: frame {number}: {each['frame_cycles']:,} cycles{lists}")
     if numbers.get("utilisation"):
         print(f"{out}: table {numbers['table_cycles']:,}, geometry {numbers['geometry_cycles']:,}, rendering "
               f"{numbers['render_cycles']:,} cycles; {100 * numbers['utilisation']:.1f} % of the bound, "

@@ -27,7 +27,7 @@ def simulate_eyes(
     source, target, config = frame.source, frame.target, frame.source.config
     cleared = frame_tiles(config) + clear_cycles(config)  # cycles once after a reset, which do not belong to the frame
     run = stereo_run(frame, beta, speed, settle=cleared)
-    result, build_s = played(machine, run, folder, waves)
+    (result,), build_s = played(machine, [run], folder, waves)
     wrong, r = stereo_mismatches(frame, result), result.registers
     numbers = {
         **compared([source, target], result, wrong, stereo_counter_errors(frame, result)),

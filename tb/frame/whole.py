@@ -39,10 +39,28 @@ def simulate_machine(
     Raises:
         SimulationError: the build fails, or the machine does not finish its frame.
     """
-    run = frame_run(frame, beta, speed, display=display)
-    result, build_s = played(machine, run, folder, waves)
-    numbers = compared([frame], result, mismatches(frame, result.pixels), counter_errors(frame, result))
-    return {**numbers, **performance(frame, result, speed), "build_s": build_s}, result.pixels
+    (found,) = simulate_row([frame], machine, folder, beta=beta, speed=speed, display=display, waves=waves)
+    return found
+
+
+def simulate_row(
+    frames: Sequence[Frame], machine: Machine, folder: Path, *, beta: int | None, speed: MemorySpeed, display: bool = False,
+    waves: Waves | None = None,
+) -> list[tuple[dict[str, object], FramePixels | DisplayPixels]]:
+    """The same for golden frames that follow each other without a reset, and in a memory that nobody clears between them. With
+    super-tiles, each must have the bounds of the one before.
+
+    Raises:
+        SimulationError: the build fails, or the machine does not finish a frame.
+    """
+    runs = [frame_run(frame, beta, speed, f"frame {n}", display=display, reset=n == 0, poison=n == 0)
+            for n, frame in enumerate(frames)]
+    results, build_s = played(machine, runs, folder, waves)
+    return [
+        ({**compared([frame], result, mismatches(frame, result.pixels), counter_errors(frame, result)),
+          **performance(frame, result, speed), "build_s": build_s,
+          **({} if frame.pairs is None else {"lists": frame.bounds.lists})}, result.pixels)
+        for frame, result in zip(frames, results, strict=True)]
 
 
 def compared(
@@ -62,19 +80,23 @@ def compared(
     }
 
 
-def played(machine: Machine, run: FrameRun, folder: Path, waves: Waves | None) -> tuple[FrameResult, float]:
-    """The machine's output for one frame, and the seconds that building the simulator took.
+def played(
+    machine: Machine, runs: Sequence[FrameRun], folder: Path, waves: Waves | None,
+) -> tuple[list[FrameResult], float]:
+    """The machine's output for frames, and the seconds that building the simulator took.
 
     Raises:
-        SimulationError: the build fails, or the machine does not finish its frame.
+        SimulationError: the build fails, or the machine does not finish a frame.
     """
     begin = time.perf_counter()
     build(machine.design(), waves)
     build_s = time.perf_counter() - begin
-    result, = play_frames(machine, [run], folder, waves=waves, progress=True)
-    if not result.done:
-        raise SimulationError(", ".join([f"the frame ended with error {result.error.name}", *result.errors]))
-    return result, round(build_s, 3)
+    results = play_frames(machine, runs, folder, waves=waves, progress=True)
+    for run, result in zip(runs, results, strict=True):
+        if not result.done:
+            name = run.name if len(runs) > 1 else "the frame"
+            raise SimulationError(", ".join([f"{name} ended with error {result.error.name}", *result.errors]))
+    return results, round(build_s, 3)
 
 
 def performance(

@@ -13,7 +13,7 @@ import numpy as np
 from golden.msv2_ref.batches import following
 from spec.codes import ErrorCode
 from spec.config import AcceleratorConfig
-from spec.supertiles import BUCKET_PAIRS
+from spec.supertiles import BUCKET_PAIRS, BUCKETS
 from tb.top.planned import PlannedFrame, planned
 from tb.top.stimuli import Case, case, crowd
 
@@ -44,4 +44,17 @@ def bucket_plan(config: AcceleratorConfig) -> list[PlannedFrame]:
         planned(after(many, wide), "none, because the frame before had two super-tiles", "instant", **stays),
         planned(after(many, many), "aborted", "instant", error=ErrorCode.ABORTED, abort=5000, **stays),
         planned(many, "none, because the frame before failed", "instant", **stays),
+        *most_lists(config),
     ]
+
+
+def most_lists(config: AcceleratorConfig) -> list[PlannedFrame]:
+    """A super-tile of as many lists as there can be, all of them longer than the first pages, so that the list reader has no
+    space for the pages of all of them. The frame before makes its bounds."""
+    rng, stays = np.random.default_rng(5), {"reset": False, "poison": False}
+    before = case(config, "many pairs", crowd(rng, BUCKETS * BUCKET_PAIRS), (16, 16), beta=0)
+    most = case(config, "as many lists as there can be", crowd(rng, 360 * BUCKETS), (16, 16))
+    return [
+        planned(before, "for their bounds", "instant", **stays),
+        planned(after(most, before), **stays),
+        planned(after(most, most), "its own bounds", "instant", **stays)]

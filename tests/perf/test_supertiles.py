@@ -18,7 +18,8 @@ from perf.supertiles_plan import BEGINS, FILLS, lists_plan, steady_bounds, visit
 from perf.supertiles_trace import SuperTrace, load_trace, save_trace, super_trace
 from spec.config import TINY_V3, V3, V3_RECORDS
 from spec.memory import BEAT_BYTES, BEAT_ENTRIES, DIRECTORY_BEATS, WORDS, pages_beyond_first
-from spec.supertiles import BUCKET_PAIRS
+from spec.queues import LIST_POINTERS, LISTS_AHEAD
+from spec.supertiles import BUCKET_PAIRS, BUCKETS
 
 RTL = {"table": 171, "geometry": 10_642, "render": 34_732}
 """Cycles of the phases of SMALL through the RTL of `supertiles` (make frame CONFIG=supertiles), with the ideal memory."""
@@ -121,6 +122,23 @@ def test_buckets_keep_the_order_and_the_pairs_of_a_super_tile(trace):
     assert none.spilled_entries >= trace.pairs and none.overflow_share == 1
     assert none.reads["spill"] == none.writes["spill"] >= BEAT_BYTES * trace.pairs // BEAT_ENTRIES
     assert none.total > many.total
+
+
+def test_a_super_tile_of_as_many_lists_as_possible_ends():
+    """The super-tile is known by its last list alone, long after the list reader has no space for the pages of more lists, and
+    the sorter none for their pairs: the lists between must wait elsewhere. Where they cannot, the model reaches its limit."""
+    asked = resolve(parse_request("embedded", "--size", "128x32"))
+    model = asked.model.select(np.tile(np.arange(len(asked.model)), 4))
+    trace = super_trace(pipeline.render(model, asked.camera, config=V3))
+    bounds = steady_bounds(trace, V3)
+    assert trace.supertiles == 1 and bounds.lists == BUCKETS <= LISTS_AHEAD
+    counts = lists_plan(trace, bounds).counts
+    pages = pages_beyond_first(counts)
+    assert pages.min() >= 2 and 2 * pages[:-1].sum() > 3 * LIST_POINTERS
+    for config in (V3, TINY_V3):
+        found = simulate_supertiles(trace, config, memory=MemoryModel("ideal"), bounds=bounds)
+        assert found.lists == BUCKETS and found.stages["fetch"].busy == found.stages["sort"].busy == trace.pairs
+        assert found.reads["entries"] >= BEAT_BYTES * int((-(-counts // BEAT_ENTRIES)).sum())
 
 
 def test_counters_add_up(trace, cycles):

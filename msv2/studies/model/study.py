@@ -15,21 +15,27 @@ import argparse
 import json
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from golden.host.run_options import IDEAL, LPDDR3, MEMORIES
+from golden.msv2_ref.buckets import no_bounds
 from golden.scenes.captured import scene_argument
 from golden.scenes.files import read_json
 from golden.scenes.level_source import RANDOM
 from golden.scenes.load import EMBEDDED
-from golden.scenes.request import parse_request
+from golden.scenes.request import parse_request, resolve
 from msv2.studies.destination import newest
 from msv2.studies.page import table, write_page
 from msv2.studies.record import write_report
 from msv2.studies.rtl_frame import COMMAND, kept_frame
+from perf import supertiles_trace
 from perf.model import FrameCycles, MemoryModel, simulate
+from perf.supertiles import simulate_supertiles
+from perf.supertiles_plan import steady_bounds
+from perf.supertiles_trace import SuperTrace
 from perf.trace import FrameTrace, trace_request
 from spec.command_line import choice, command_parser
-from spec.config import MACHINES, PAPER_SMALL, V3_RECORDS, AcceleratorConfig
+from spec.config import MACHINES, PAPER_SMALL, V3, V3_RECORDS, AcceleratorConfig
 from spec.effects import EffectPlan
 from spec.errors import InputError
 from spec.paths import REPORTS, ROOT
@@ -46,6 +52,14 @@ RTL_FRAMES = (
 )
 """Frames of the ideal memory that the other reports do not have: two eyes, a smaller machine, and one without harmonics and
 levels."""
+
+_SUPER = f"--config {V3.name} --frames"
+ROWS = (
+    f"embedded --size 128x128 {_SUPER} 3 --turn 5",
+    f"rock_sh3 --size 192x108 {_SUPER} 2 --turn 2",
+)
+"""Frames of a camera that turns, on the ideal memory. With super-tiles, lists of all but the first have the bounds of the frame
+before."""
 
 NEAR = {
     "embedded": "--camera auto --orbit 60,20,1.4", "truck": "--camera auto --orbit 120,35,1.1",
@@ -70,11 +84,15 @@ LPDDR3_FRAMES = tuple(f"{line} --memory lpddr3" for line in (
     f"garden_large --size 160x96 --config paper --gaze 80,48 {_FOVEATED} --pixels display",
     "garden_large --size 96x64 --config paper",
     f"rock_sh3 --size 128x80 --config paper --gaze 64,40 {_FOVEATED}",
+    f"embedded --size 128x128 {_SUPER} 2",
+    f"embedded --size 256x144 {_SUPER} 2 --gaze 128,72 {_FOVEATED} --pixels display",
+    f"truck --size 256x144 {_SUPER} 2 --pixels display",
+    f"rock_sh3 --size 192x108 {_SUPER} 2",
 ))
 """Small frames on four channels of LPDDR3: plain, foveated, and close to an object. The first ones are of a small machine,
-whose simulator is built in a minute."""
+whose simulator is built in a minute; the last ones are frames in a row of the machine with super-tiles."""
 
-FRAMES = {IDEAL: RTL_FRAMES, LPDDR3: LPDDR3_FRAMES}
+FRAMES = {IDEAL: (*RTL_FRAMES, *ROWS), LPDDR3: LPDDR3_FRAMES}
 ALL = "all"
 
 TIMED = "embedded --size 128x128 --config paper"
@@ -97,7 +115,7 @@ _KEPT = (
     "scene", "size", "gaze", "levels", "config", "machine", "effects", "pixels", "merge", "pipeline", "bit_exact",
     "counter_errors", "entries", "ops", "skipped", "table_cycles", "geometry_cycles", "render_cycles", "frame_cycles",
     "source_cycles", "target_cycles", "stage_cycles", "events", "dram_bytes", "memory", "activates", "refreshes", "latency",
-    "bytes_per_cycle", "wall_s", "cpu_s", "cycles_per_s")
+    "bytes_per_cycle", "lists", "number", "turn", "wall_s", "cpu_s", "cycles_per_s")
 
 
 def request(row: Mapping[str, object], scene: str) -> argparse.Namespace:
@@ -123,14 +141,31 @@ def machine(row: Mapping[str, object]) -> AcceleratorConfig:
     return EffectPlan(said["wanted"], active, frozenset(), {}, said["sh_degree"]).machine(config)
 
 
-def model_row(row: Mapping[str, object], scene: str) -> tuple[FrameTrace, FrameCycles]:
+def model_row(row: Mapping[str, object], scene: str) -> tuple[FrameTrace | SuperTrace, FrameCycles]:
     """The trace of a report's frame, and its numbers from the model."""
     config = machine(row)
-    trace = trace_request(request(row, scene), config, cache=BUILD / "traces")
     lpddr3 = row.get("memory", IDEAL) == LPDDR3
     memory = MemoryModel(LPDDR3) if lpddr3 else MemoryModel(IDEAL, row["latency"], row["bytes_per_cycle"])
-    return trace, simulate(
-        trace, config, memory=memory, merge=row["merge"], pipeline=row["pipeline"], display=row["pixels"] == "display")
+    how = {"memory": memory, "merge": row["merge"], "pipeline": row["pipeline"], "display": row["pixels"] == "display"}
+    if not config.supertiles:
+        trace = trace_request(request(row, scene), config, cache=BUILD / "traces")
+        return trace, simulate(trace, config, **how)
+    trace = super_trace(row, scene, config, row.get("number", 0))
+    bounds = no_bounds(trace.supertiles)  # as after a reset
+    if row.get("number"):
+        bounds = steady_bounds(super_trace(row, scene, config, row["number"] - 1), config)
+    return trace, simulate_supertiles(trace, config, bounds=bounds, **how)
+
+
+def super_trace(row: Mapping[str, object], scene: str, config: AcceleratorConfig, number: int) -> SuperTrace:
+    """The trace of a frame of a row of frames, of which the first has the number 0 and the camera that the request names."""
+    args, degrees = request(row, scene), number * row.get("turn", 0.0)
+    if not degrees:
+        return supertiles_trace.trace_request(args, config, cache=BUILD / "traces")
+    asked = resolve(args)
+    return supertiles_trace.trace_request(
+        args, config, cache=BUILD / "traces" / f"turned-{degrees:g}",
+        request=replace(asked, camera=asked.camera.turned(degrees)))
 
 
 def compared(row: Mapping[str, object], frame: FrameCycles) -> dict[str, object]:
@@ -142,6 +177,7 @@ def compared(row: Mapping[str, object], frame: FrameCycles) -> dict[str, object]
     rtl = {name: int(row[f"{name}_cycles"]) for name in PHASES}
     model = {name: frame.phases[name] for name in PHASES}
     totals, stages = (sum(model.values()), sum(rtl.values())), {}
+    misses = "header_misses" if "header_misses" in row["events"] else "fetch_misses"
     for name, stage in frame.stages.items():
         watched = row["stage_cycles"][name]
         there, ours = watched["busy"] + watched["blocked"], stage.busy + stage.blocked
@@ -151,14 +187,14 @@ def compared(row: Mapping[str, object], frame: FrameCycles) -> dict[str, object]
         **{name: row[name] for name in ("scene", "size", "gaze", "levels", "config", "pixels", "merge", "pipeline", "latency",
                                         "bytes_per_cycle", "entries")},
         "machine": row.get("machine", "full"), "eyes": len(frame.eyes), "memory": row.get("memory", IDEAL),
-        "camera_options": row.get("camera_options", []),
+        "camera_options": row.get("camera_options", []), **{name: row[name] for name in ("number", "lists") if name in row},
         "commands": {name: {"rtl": row[name], "model": getattr(frame, name)} for name in COMMANDS if name in row},
         "phases": {name: {"rtl": rtl[name], "model": model[name], "error": _error(model[name], rtl[name])} for name in PHASES},
         "total": {"rtl": totals[1], "model": totals[0], "error": _error(*totals)},
         "stages": stages,
         "beats_equal": frame.dram_bytes["reads"] == row["dram_bytes"]["reads"] and all(
             frame.writes.get(name, 0) == count for name, count in row["dram_bytes"]["writes"].items()),
-        "misses_equal": frame.fetch_misses == row["events"]["fetch_misses"], "skipped": [row["skipped"], frame.skipped],
+        "misses_equal": frame.fetch_misses == row["events"][misses], "skipped": [row["skipped"], frame.skipped],
         "model_seconds": frame.seconds, "rtl_cycles_per_s": row["cycles_per_s"],
     }
 
@@ -167,8 +203,8 @@ def _error(model: int, rtl: int) -> float:
     return (model - rtl) / rtl if rtl else float(model != 0)
 
 
-def rtl_row(line: str, *, again: bool = False) -> dict[str, object] | None:
-    """A frame through the RTL. A finished run is used unless `again`; None where the scene is missing.
+def rtl_rows(line: str, *, again: bool = False) -> list[dict[str, object]]:
+    """A frame through the RTL, or the frames of a row. A finished run is used unless `again`; none where the scene is missing.
 
     Raises:
         InputError: the simulation fails, or a bit or a counter differs from the golden renderer's.
@@ -176,10 +212,11 @@ def rtl_row(line: str, *, again: bool = False) -> dict[str, object] | None:
     name, *options = line.split()
     scene = scene_argument(name)
     if scene is None:
-        return None
-    row = kept_frame(BUILD / "rtl", scene, ["--machine", "full", *options], again=again)
+        return []
+    found = kept_frame(BUILD / "rtl", scene, ["--machine", "full", *options], again=again)
     camera = {"camera_options": camera_options(options)} if "--camera" in options else {}
-    return {**{key: row[key] for key in _KEPT if key in row}, "scene": name, **camera}
+    each = [found | numbers | {"number": n} for n, numbers in enumerate(found["frames"])] if "frames" in found else [found]
+    return [{**{key: row[key] for key in _KEPT if key in row}, "scene": name, **camera} for row in each]
 
 
 def camera_options(options: Sequence[str]) -> list[str]:
@@ -196,9 +233,9 @@ def render_rtl(kinds: Sequence[str]) -> None:
     rows = [row for row in (old or {"rows": []})["rows"] if row.get("memory", IDEAL) not in kinds]
     speed = side_by_side() if IDEAL in kinds else old and old["speed"]
     for line in (line for kind in kinds for line in FRAMES[kind]):
-        row = rtl_row(line)
-        print(f"{line}: {'no such scene in MSV2_DATA' if row is None else row['frame_cycles']}", flush=True)
-        rows += [row] if row else []
+        found = rtl_rows(line)
+        print(f"{line}: {', '.join(str(row['frame_cycles']) for row in found) or 'no such scene in MSV2_DATA'}", flush=True)
+        rows += found
         rows.sort(key=lambda row: MEMORIES.index(row.get("memory", IDEAL)))
         scenes = filter(None, (scene_argument(row["scene"]) for row in rows))
         write_report(path, {"rows": rows, "speed": speed}, [__name__, COMMAND],
@@ -209,7 +246,7 @@ def side_by_side() -> dict[str, object]:
     """The speeds of the RTL's simulator and of the model, in cycles of a frame per second of processor time. They run one after
     the other on the same machine, on one processor each. The model is repeated for some seconds.
     """
-    row = rtl_row(TIMED, again=True)
+    (row,) = rtl_rows(TIMED, again=True)
     trace, frame = model_row(row, EMBEDDED)  # also compiles or loads the kernels
     runs, begin = 0, time.process_time()
     while time.process_time() - begin < TIMED_SECONDS:
@@ -272,6 +309,7 @@ def _name(row: Mapping[str, object]) -> str:
              "two eyes" if row["eyes"] > 1 else "", row["pixels"],
              "" if row["merge"] else "no merging", "" if row["pipeline"] else "double buffers",
              " ".join(row["camera_options"]).replace("--camera auto ", ""),
+             f"frame {row['number'] + 1} in a row" if "number" in row else "",
              "LPDDR3" if row["memory"] == LPDDR3
              else f"{row['bytes_per_cycle']:g} B/cycle" if row["bytes_per_cycle"] else "unlimited"]
     return ", ".join(part for part in parts if part)

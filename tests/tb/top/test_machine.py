@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 
+from golden.msv2_ref.frame_memory import list_lengths
 from msv2.studies.tradeoff.knobs import WORDS, Setting
 from spec.codes import ErrorCode
 from spec.config import TINY
+from spec.memory import pages_beyond_first
+from spec.queues import LIST_POINTERS, LISTS_AHEAD
+from spec.supertiles import BUCKETS
 from tb.top.device import machine
 from tb.top.plan_buckets import bucket_plan
 from tb.top.stimuli import case, cloud, crowd
@@ -102,7 +106,10 @@ def test_frames_of_super_tiles_in_short(tmp_path):
 def test_frames_with_the_bounds_of_the_frame_before(tmp_path):
     config = VARIANTS["tiny_v3"]
     plan = bucket_plan(config)
-    assert {len(item.frame.bounds.key) for item in plan} == {0, 2}
+    most = next(item.frame for item in plan if item.frame.bounds.lists == BUCKETS <= LISTS_AHEAD)
+    pages = pages_beyond_first(list_lengths(most))
+    assert pages.min() >= 1 and pages[:-1].sum() > LIST_POINTERS
+    assert {len(item.frame.bounds.key) for item in plan} >= {0, 2, BUCKETS - 1}
     outcome = run_plan(config, plan, tmp_path)
     assert outcome.failures == {} and outcome.runs == len(plan)
     assert bucket_plan(config.with_(buckets=False)) == bucket_plan(TINY) == []
