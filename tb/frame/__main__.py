@@ -103,11 +103,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.stereo and (args.part, args.pixels) != ("machine", "display"):
         raise InputError(f"part {args.part!r}, pixels {args.pixels!r} are not accepted with --stereo: 'machine', 'display' are")
     check_row(args)
-    if args.stereo:
-        with_two_eyes(config)  # raises where the machine has one eye, before the scene is read
-    if args.part == "array" and config.supertiles:
-        raise InputError(f"part 'array' is not accepted: config {config.name!r} has lists by super-tile, whose array takes "
-                         "visits of tiles; config 'paper' has the array of this part")
     options = run_options(args)
     if args.part == "array" and options.display:
         raise InputError(f"pixels {args.pixels!r} is not accepted with part 'array', which writes no memory: 'wide' is")
@@ -115,6 +110,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         config = config.with_(incremental=options.incremental)
     waves = Waves(*parse_window(args.wave_cycles)) if args.waves else None
     take_stereo_arguments(args)
+    if args.stereo:
+        with_two_eyes(config)  # raises where the machine has one eye, before the scene is read
+    if args.part == "array" and config.supertiles:
+        raise InputError(f"part 'array' is not accepted: config {config.name!r} has lists by super-tile, whose array takes "
+                         "visits of tiles; config 'paper' has the array of this part")
     work = work_for(args, resolve(args), config, contention=options.bytes_per_cycle is not None, full=options.full)
     with output_folder(args.out, BUILD / "frame") as out:
         return _simulated(args, work, config, options, waves, out)
