@@ -22,7 +22,7 @@ from spec.queues import LIST_POINTERS, LISTS_AHEAD
 from spec.supertiles import BUCKET_PAIRS, BUCKETS
 
 RTL = {"table": 171, "geometry": 10_642, "render": 34_732}
-"""Cycles of the phases of SMALL through the RTL of `supertiles` (make frame CONFIG=supertiles), with the ideal memory."""
+"""Cycles of the phases of SMALL through the RTL of `v3` (make frame CONFIG=v3), with the ideal memory."""
 
 SMALL = ("embedded_trained", "--size", "128x128", "--levels", "4")
 
