@@ -1,7 +1,7 @@
 """Frames by the C driver: exports a machine, builds it with Verilator around the driver, renders frames, compares.
 
     python examples/driver/frame.py
-    python examples/driver/frame.py --config tiny_supertiles --frames 3
+    python examples/driver/frame.py --config tiny_v3 --frames 3
 
 The first run of a machine builds its simulator, which takes minutes; later ones take seconds. Frames follow each other without
 a reset, seen by one camera after the other, and machines with lists by super-tile keep what they have learnt from the frame
@@ -29,7 +29,7 @@ from golden.scenes.embedded.views import embedded_cameras
 from golden.scenes.pictures import save_png
 from golden.scenes.request import make_folder
 from msv2.verilog.export import export
-from spec.config import TINY, TINY_SUPERTILES, AcceleratorConfig
+from spec.config import TINY, TINY_V3, AcceleratorConfig
 from spec.errors import InputError, run_command_line
 from spec.paths import DOCS
 from tb.common.runner import VERILATOR, check_tools, verilator_environment
@@ -39,7 +39,7 @@ from tb.top.check import expected_events, mismatches
 HERE = Path(__file__).resolve().parent
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Wstrict-prototypes", "-Werror", "-O2")
 C_SOURCES = ("msv2_driver.c", "demo.c")
-MACHINES = {config.name: config for config in (TINY, TINY_SUPERTILES)}
+MACHINES = {config.name: config for config in (TINY, TINY_V3)}
 CAMERAS = 8
 """Cameras of the embedded scene's orbit."""
 

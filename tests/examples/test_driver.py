@@ -323,7 +323,7 @@ def test_the_frame_on_the_rtl_is_the_golden_renderers(simulated: subprocess.Comp
 def test_frames_in_a_row_of_super_tiles_keep_their_bounds() -> None:
     """Minutes: a simulator is built. The second and the third frame have more lists than super-tiles, because of the bounds
     that the machine keeps from the frame before; without these the counted groups would be others."""
-    done = played("--config", TINY_SUPERTILES.name, "--frames", "3")
+    done = played("--config", TINY_V3.name, "--frames", "3")
     assert done.returncode == 0, done.stdout + done.stderr
     lists = re.findall(r"frame \d: 48x48 pixels, \d+ intersections, (\d+) lists, 0 values differ", done.stdout)
     assert len(lists) == 3 and int(lists[0]) == 2 < min(map(int, lists[1:])), done.stdout

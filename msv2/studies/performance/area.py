@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from spec.config import PAPER, SUPERTILES, AcceleratorConfig
+from spec.config import PAPER, V3, AcceleratorConfig
 from spec.paths import REPORTS
 
 REPORT = REPORTS / "area.json"
@@ -46,6 +46,6 @@ def known_mm2(report: Mapping[str, object] | None) -> dict[str, float]:
     if report is None:
         return {}
     found = {PAPER.name: machine_mm2(report, PAPER)}
-    if SUPERTILES.name in report["builds"]:
-        found[SUPERTILES.name] = report["builds"][SUPERTILES.name]["mm2_16nm"]
+    if V3.name in report["builds"]:
+        found[V3.name] = report["builds"][V3.name]["mm2_16nm"]
     return found

@@ -23,7 +23,7 @@ from msv2.studies.scenes import TRAINED_HERE as TRAINED
 from perf.gscore import GscoreTrace, gscore_trace
 from perf.supertiles_trace import SuperTrace, trace_request
 from perf.trace import FrameTrace, load_trace, save_trace, trace_of
-from spec.config import PAPER, SUPERTILES, AcceleratorConfig
+from spec.config import PAPER, V3, AcceleratorConfig
 from spec.constants import ECC_THRESHOLD_DEG
 from spec.errors import InputError
 from spec.paths import ROOT, cache_folder
@@ -108,7 +108,7 @@ def compared(scene: str, size: str, camera: str = "orbit", *, config: Accelerato
         with atomic_output(folder / "gscore.npz") as file:
             np.savez_compressed(file, **found[3]._asdict())
     name = Path(scene).stem + ("" if camera == "orbit" else f", view {camera}")
-    gathered = trace_request(args, SUPERTILES, cache=SUPER_CACHE)
+    gathered = trace_request(args, V3, cache=SUPER_CACHE)
     return Compared(name, scene, scene in TRAINED, *found, gathered, found[0].record)
 
 

@@ -36,7 +36,7 @@ from msv2.studies.record import command, commit, write_report
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.perfetto import trace_events
 from spec.command_line import command_parser
-from spec.config import PAPER, PAPER_BASE, SUPERTILES
+from spec.config import PAPER, PAPER_BASE, V3
 from spec.extras import how_to_get
 from spec.paths import REPORTS, ROOT
 
@@ -115,7 +115,7 @@ def measure(scenes: Sequence[str], size: str, hd: bool, folder: Path) -> tuple[d
             runs = [*run_all(frame)[0],
                     *(run_super(frame, memory, whole=whole) for memory in MEMORIES for whole in (True, False))]
         found.append(frame_rows(frame, runs))
-        for key, name, config in (("equal_area", BOTH.name, PAPER), ("equal_area_supertiles", SUPER, SUPERTILES)):
+        for key, name, config in (("equal_area", BOTH.name, PAPER), ("equal_area_supertiles", SUPER, V3)):
             equal[key] += at_equal_area(frame, [r for r in runs if r.machine == name], known.get(config.name))
         if is_swept(scene, camera, scenes):
             swept.append(frame)
@@ -164,7 +164,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     content = {"commit": commit(), "command": command(__name__), **content}
     inputs = [REPORTS / f"{name}.json" for name in ("area", "energy_per_operation", "model")]
     scenes = [scene_file(scene) for scene in (args.scene or scenes_here()[0]) if scene != EMBEDDED]
-    machines = {config.name: config for config in (PAPER, PAPER_BASE, SUPERTILES)}
+    machines = {config.name: config for config in (PAPER, PAPER_BASE, V3)}
     write_report(out / "performance.json", content, [__name__], {"arguments": args, "machines": machines},
                  [*inputs, *filter(None, scenes)])
     pictures = draw(content, shown, out)

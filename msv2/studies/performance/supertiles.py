@@ -9,9 +9,9 @@ from msv2.studies.performance.frames import Compared
 from msv2.studies.performance.machines import CLOCK_HZ, PEAK, Run, energies
 from perf.model import MemoryModel
 from perf.supertiles import simulate_supertiles
-from spec.config import SUPERTILES
+from spec.config import V3
 
-SUPER, SUPER_BASE = SUPERTILES.name, f"{SUPERTILES.name}, double buffers"
+SUPER, SUPER_BASE = V3.name, f"{V3.name}, double buffers"
 """The machine as it is, and without merging and line buffers (`msv2 perf --pipeline 0 --merge 0`), both for one eye."""
 
 
@@ -21,9 +21,9 @@ def run_super(frame: Compared, memory: str, *, whole: bool = True) -> Run:
     The bounds of its lists are those that the same frame leaves: the camera stands still. `whole` is whether lists are merged
     and stages hand over as work becomes final; otherwise neither is the case. A lower bound on its cycles is not known.
     """
-    config, trace = SUPERTILES.with_(incremental=whole), frame.gathered
+    config, trace = V3.with_(incremental=whole), frame.gathered
     cycles = simulate_supertiles(trace, config, memory=MemoryModel(**memory_arguments(memory)), merge=whole, display=True)
-    energy = frame_energy(super_counts(trace, cycles, config), cycles.total, config, super_table(energies(), trace, config),
+    energy = frame_energy(super_counts(trace, cycles, config), cycles.total, config, super_table(energies(), config),
                           clock_hz=CLOCK_HZ)
     render = cycles.phases["render"]
     return Run(

@@ -21,7 +21,7 @@ from msv2.studies.web.check import problems
 from perf.gscore import gscore_trace
 from perf.supertiles_trace import super_trace
 from perf.trace import trace_of
-from spec.config import PAPER, SUPERTILES
+from spec.config import PAPER, V3
 from spec.errors import InputError
 from tests.helpers.golden_samples import map_for, random_model, view
 
@@ -35,7 +35,7 @@ def frame():
     whole = render_stereo(model, pair, threshold_deg=180.0, **both)
     warped = render_stereo(model, pair, source=whole.source, threshold_deg=0.0, **both)
     traces = (trace_of(eye) for eye in (whole.source, whole.target, warped))
-    gathered = super_trace(pipeline.render(model, camera, config=SUPERTILES, foveation=map_for(camera, (0.5, 0.5), 4)))
+    gathered = super_trace(pipeline.render(model, camera, config=V3, foveation=map_for(camera, (0.5, 0.5), 4)))
     return frames.Compared("random", "random", False, *traces, gscore_trace(whole.source), gathered, {"size": [96, 64]})
 
 
@@ -43,7 +43,7 @@ def frame():
 def areas():
     names = ("array", "culling and conversion", "lists", "warp")
     groups = {name: {"logic_um2_16nm": 1e5, "memory_um2_16nm": 1e4} for name in names}
-    return {"builds": {SUPERTILES.name: {"mm2_16nm": 0.6},
+    return {"builds": {V3.name: {"mm2_16nm": 0.6},
                        "1ghz": {"groups": groups, "commit": "abc", "mm2_16nm": 0.44, "mm2_16nm_without_warp_memories": 0.43}},
             "delay_to_16nm": 2.0, "commit": "abc"}
 
@@ -57,7 +57,7 @@ def content(frame, areas):
     means, known = summary.means(found), area.known_mm2(areas)
     equal = {key: sweeps.at_equal_area(frame, [r for r in runs if r.machine == name], known[config.name])
              for key, name, config in (("equal_area", machines.BOTH.name, PAPER),
-                                       ("equal_area_supertiles", supertiles.SUPER, SUPERTILES))}
+                                       ("equal_area_supertiles", supertiles.SUPER, V3))}
     return {
         "commit": "abc", "command": "x", "size": "96x64", "levels": 4, "config": "paper", "clock_hz": 1e9, "missing": ["none"],
         "trained": [], "model_error": {"total": 0.01, "mean": 0.01, "frames": 3}, "frames": found, "means": means,
@@ -131,7 +131,7 @@ def test_area_is_that_of_the_groups_without_the_warp_unit(areas):
     assert area.machine_mm2(areas, PAPER) == pytest.approx(3 * 0.11)
     half = area.machine_mm2(areas, PAPER.with_(cores_x=8, culling_units=4))
     assert half == pytest.approx(0.11 + 2 * 0.06)
-    assert area.known_mm2(areas) == {"paper": pytest.approx(3 * 0.11), SUPERTILES.name: 0.6} and area.known_mm2(None) == {}
+    assert area.known_mm2(areas) == {"paper": pytest.approx(3 * 0.11), V3.name: 0.6} and area.known_mm2(None) == {}
     assert area.load_area(area.REPORTS / "nowhere.json") is None and sweeps.iso_area(None, None) == []
 
 
