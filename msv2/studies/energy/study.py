@@ -24,7 +24,6 @@ from golden.scenes.level_source import RANDOM
 from golden.scenes.request import add_request_arguments, add_stereo_arguments, make_folder, take_stereo_arguments
 from msv2.studies.energy.frame import EnergyReport, counter_counts, frame_energy
 from msv2.studies.energy.page import OTHERS, as_markdown, plot
-from msv2.studies.energy.supertiles import super_counts, super_table
 from msv2.studies.energy.table import TABLE, Table, load_table
 from msv2.studies.memory import IDEAL, LPDDR3, MEMORY_NAMES, memory_arguments
 from msv2.studies.page import write_page

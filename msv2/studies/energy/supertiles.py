@@ -10,17 +10,20 @@ sources of the rows say so.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from msv2.studies.area.super_stores import super_stores
 from msv2.studies.energy.frame import WorkCounts
 from msv2.studies.energy.table import Memory, Table, Unit
-from perf.supertiles import SuperCycles
-from perf.supertiles_trace import SuperTrace
 from spec.config import V3, AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import BEAT_BYTES
+
+if TYPE_CHECKING:  # a table must not need the model's compiler
+    from perf.supertiles import SuperCycles
+    from perf.supertiles_trace import SuperTrace
 
 OPERATIONS = {
     "projection_unit": "projected", "tile_merge_unit": "pairs", "hierarchical_sorter": "sorted_entries", "line_buffer": "pairs",

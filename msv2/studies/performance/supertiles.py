@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from msv2.studies.energy.frame import frame_energy
-from msv2.studies.energy.supertiles import super_counts, super_table
+from msv2.studies.energy.modelled import modelled_energy
 from msv2.studies.memory import memory_arguments
 from msv2.studies.performance.frames import Compared
 from msv2.studies.performance.machines import CLOCK_HZ, PEAK, Run, energies
@@ -23,8 +22,7 @@ def run_super(frame: Compared, memory: str, *, whole: bool = True) -> Run:
     """
     config, trace = V3.with_(incremental=whole), frame.gathered
     cycles = simulate_supertiles(trace, config, memory=MemoryModel(**memory_arguments(memory)), merge=whole, display=True)
-    energy = frame_energy(super_counts(trace, cycles, config), cycles.total, config, super_table(energies(), config),
-                          clock_hz=CLOCK_HZ)
+    energy = modelled_energy(trace, cycles, config, energies(), clock_hz=CLOCK_HZ)
     render = cycles.phases["render"]
     return Run(
         SUPER if whole else SUPER_BASE, memory, PEAK[memory], 1, cycles.total, cycles.phases["geometry"], render,
