@@ -74,7 +74,8 @@ def build(config: AcceleratorConfig, folder: Path) -> Path:
     for name in C_SOURCES:
         run(["gcc", *WARNINGS, "-I", HERE, "-I", DOCS, "-c", HERE / name, "-o", folder / f"{name}.o"], folder, log)
     apart = folder / "apart.vlt"  # pixel cores that are not inlined compile faster
-    apart.write_text(f'`verilator_config\nno_inline -module "{config.name}_pixel_core"\n')
+    core = "batch_core" if config.supertiles else "pixel_core"
+    apart.write_text(f'`verilator_config\nno_inline -module "{config.name}_{core}"\n')
     print(f"building the simulator of the machine {config.name}: minutes", flush=True)
     run([VERILATOR, "--cc", "--exe", "--build", "-j", os.cpu_count() or 1, "-O3", "--x-assign", "fast", "--x-initial", "fast",
          "-Wno-fatal", "--top-module", machine.top, "--prefix", "Vmachine", "--Mdir", simulator.parent, "-o", simulator.name,

@@ -33,6 +33,13 @@ OPERATIONS = {
 GONE = ("geometry_reader", "tile_test", "colour_unit", "entry_writer", "splat_fetch", "header_maker", "warp_unit")
 """PAPER's units that these machines do not have, or have another one in the place of."""
 
+STAND_INS = {
+    "supertile_test": ("tile_test", "tested"), "pair_colour": ("colour_unit", "pairs"),
+    "chunk_test": ("projection_unit", "chunks"), "chunk_reader": ("geometry_reader", "points"),
+    "chunk_header_reader": ("geometry_reader", "chunks"), "level_bounds": ("table_loader", "tiles"),
+    "supertile_reader": ("header_maker", "tiles")}
+"""Which one of PAPER's units stands for one that the table has no measurement of, with its operation."""
+
 ASSUMED = {
     "transmittances": ("pixel_state", "state_rows", "assumed: each row of a tile's pixels is written once where it is stored, "
                        "and read once where it is loaded (rtl.vrc_array.pixel_state); its logic is not measured"),
@@ -49,7 +56,7 @@ class SuperCounts(WorkCounts):
         pairs, places, visits: as the machine counts them. lists: the number of lists. chunks: that of the model's chunks, whose
             headers are tested.
         projected: Gaussians that pass projection: those that are read, and those of pairs.
-        tests: pairs that the tile test finds, in both phases.
+        tests, tested: pairs, and intersections, that the tile test finds in both phases.
         state_rows: rows of pixels that are stored, and as many loaded.
     """
 
@@ -60,6 +67,7 @@ class SuperCounts(WorkCounts):
     chunks: int = 0
     projected: int = 0
     tests: int = 0
+    tested: int = 0
     state_rows: int = 0
 
     def of(self, operation: str) -> int:
@@ -77,6 +85,7 @@ def super_counts(trace: SuperTrace, cycles: SuperCycles, config: AcceleratorConf
         read_beats=sum(cycles.reads.values()) // BEAT_BYTES, write_beats=sum(cycles.writes.values()) // BEAT_BYTES, **commands,
         pairs=cycles.pairs, places=int(trace.places.sum(dtype=np.int64)), visits=cycles.visits, lists=cycles.lists,
         chunks=len(trace.chunk_count), projected=trace.points_read + cycles.pairs, tests=2 * cycles.pairs,
+        tested=2 * cycles.entries,
         state_rows=(cycles.visits - tiles) * TILE * TILE // config.cores_x)
 
 
@@ -84,7 +93,16 @@ def super_table(table: Table, config: AcceleratorConfig = V3) -> Table:
     """The table of energies for a machine with super-tiles, with what was measured and assumed for it."""
     units = [replace(unit, operation=OPERATIONS.get(unit.name, unit.operation), source=_shared(unit))
              for unit in table.units if unit.name not in GONE]
-    return replace(table, units=(*units, *table.supertile_units, *_assumed(config)))
+    return replace(table, units=(*units, *table.supertile_units, *_stand_ins(table), *_assumed(config)))
+
+
+def _stand_ins(table: Table) -> list[Unit]:
+    """The units of STAND_INS that were not measured."""
+    measured, of = {unit.name for unit in table.supertile_units}, {unit.name: unit for unit in table.units}
+    return [replace(of[name], name=unit, operation=operation,
+                    source=f"assumed: not measured; {name} of PAPER stands for it, with {of[name].operation} as {operation}. "
+                           f"That is by {of[name].source}")
+            for unit, (name, operation) in STAND_INS.items() if unit not in measured]
 
 
 def _shared(unit: Unit) -> str:

@@ -16,6 +16,7 @@ from pathlib import Path
 from golden.msv2_ref.pipeline import Frame
 from golden.scenes.captured import CAPTURED, scene_argument
 from golden.scenes.files import read_json
+from msv2.studies.energy.supertiles import STAND_INS
 from msv2.studies.energy.table import TABLE
 from msv2.studies.energy_per_operation.measure import map_work, measure, still
 from msv2.studies.energy_per_operation.super_work import SUPER_WORK
@@ -49,6 +50,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
                         help=f"measure only this unit, and write nothing: {', '.join(sum(UNITS.values(), ()))}")
     parser.add_argument("--machine", default="", choices=("", *UNITS),
                         help="measure only the units of this machine; the others stay as they are in the kept table")
+    parser.add_argument("--leave-out", default="", metavar="UNIT,UNIT",
+                        help=f"units that are not measured, but assumed (docs/energy.md), among {', '.join(STAND_INS)}")
     parser.add_argument("--scenes", default="embedded,truck", help="scenes, separated by commas (default: embedded,truck)")
     parser.add_argument("--clock-ps", type=float, default=1000.0,
                         help="clock period of the netlists in picoseconds (default: 1000)")
@@ -95,7 +98,7 @@ def _frame(config: AcceleratorConfig, scene: str) -> Frame:
 
 
 def _line(row: dict[str, object]) -> str:
-    work = (f"{row['pj_per_operation']:9.3f} pJ an {row['operation']}, {row['operations']} in {row['cycles']} cycles, "
+    work = (f"{row['pj_per_operation']:9.3f} pJ for each {row['operation']}, {row['operations']} in {row['cycles']} cycles, "
             f"{row['items_compared']} items equal; " if "operation" in row else " " * 12)
     return (f"{row['unit']:20} {row.get('scene', ''):12} {work}clock {row['clock_pj_per_cycle']:8.3f} pJ a cycle, "
             f"leakage {row['leakage_mw']:.4f} mW")
@@ -118,11 +121,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.unit:
         measured([args.unit], scenes, args)
         return 0
+    left_out = args.leave_out.split(",") if args.leave_out else []
+    for unit in left_out:
+        choice("leave-out", unit, tuple(STAND_INS))
     old = read_json(TABLE) if args.machine else {}
     kept_rows = {"samples": old.get("samples"), "supertile_samples": old.get("supertile_samples")}
     for machine, key in zip(UNITS, kept_rows, strict=True):
         if args.machine in ("", machine):
-            kept_rows[key] = measured(UNITS[machine], scenes, args)
+            kept_rows[key] = measured([unit for unit in UNITS[machine] if unit not in left_out], scenes, args)
         elif not kept_rows[key]:
             raise InputError(f"machine {args.machine!r} alone is not accepted: {TABLE} has no units of the other one")
     write_table(args.out, kept_rows["samples"], kept_rows["supertile_samples"], scenes, args.clock_ps, old)

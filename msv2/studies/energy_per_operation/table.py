@@ -64,13 +64,14 @@ def unit_rows(rows: Sequence[dict]) -> list[dict[str, object]]:
 
 
 def super_unit_rows(rows: Sequence[dict], of_paper: Sequence[dict]) -> list[dict[str, object]]:
-    """The units that only machines with lists by super-tile have. `of_paper` are the rows of PAPER's units, whose mean activity
-    is that of units that no test bench plays."""
+    """The units that only machines with lists by super-tile have, less those that were left out. `of_paper` are the rows of
+    PAPER's units, whose mean activity is that of units that no test bench plays."""
     units = []
     for unit, operation in SUPER_OPERATIONS.items():
         samples = [row for row in rows if row["unit"] == unit]
         scenes = ", ".join(row["scene"] for row in samples)
-        units.append(_unit(unit, operation, samples, samples, GATES.format(scenes=scenes)))
+        if samples:
+            units.append(_unit(unit, operation, samples, samples, GATES.format(scenes=scenes)))
     return [*units, *_default_units(rows, SUPER_DEFAULTS, default_activity(of_paper))]
 
 
