@@ -38,6 +38,9 @@ from synth.scaling import ENERGY_TO_16NM, SOURCE
 from tb.common.scenes import traced_frame
 
 SIZE = "160x96"
+PREFIXES = {PAPER.name: "", V3.name: "supertile_"}
+"""What the keys of the table begin with that are of a machine's own units."""
+
 UNITS = {PAPER.name: (*WORK, *DEFAULTS), V3.name: (*SUPER_WORK, *SUPER_DEFAULTS)}
 """The units that are measured, by the machine whose they are."""
 
@@ -124,30 +127,34 @@ def main(argv: Sequence[str] | None = None) -> int:
     left_out = args.leave_out.split(",") if args.leave_out else []
     for unit in left_out:
         choice("leave-out", unit, tuple(STAND_INS))
-    old = read_json(TABLE) if args.machine else {}
-    kept_rows = {"samples": old.get("samples"), "supertile_samples": old.get("supertile_samples")}
-    for machine, key in zip(UNITS, kept_rows, strict=True):
+    old, samples, commits = read_json(TABLE) if args.machine else {}, {}, {}
+    for machine, prefix in PREFIXES.items():
         if args.machine in ("", machine):
-            kept_rows[key] = measured([unit for unit in UNITS[machine] if unit not in left_out], scenes, args)
-        elif not kept_rows[key]:
+            samples[machine] = measured([unit for unit in UNITS[machine] if unit not in left_out], scenes, args)
+            commits[machine] = commit()
+        elif not old.get(f"{prefix}samples"):
             raise InputError(f"machine {args.machine!r} alone is not accepted: {TABLE} has no units of the other one")
-    write_table(args.out, kept_rows["samples"], kept_rows["supertile_samples"], scenes, args.clock_ps, old)
+        else:
+            samples[machine], commits[machine] = old[f"{prefix}samples"], old[f"{prefix}commit"]
+    write_table(args.out, samples, commits, scenes, args.clock_ps, old)
     print(f"wrote {args.out}")
     return 0
 
 
 def write_table(
-    path: Path, rows: Sequence[dict[str, object]], super_rows: Sequence[dict[str, object]], scenes: Sequence[str],
+    path: Path, samples: Mapping[str, Sequence[dict[str, object]]], commits: Mapping[str, str], scenes: Sequence[str],
     clock_ps: float, old: Mapping[str, object],
 ) -> None:
-    """Writes the table of a set of measurements, of which some may be those of an old table."""
+    """Writes the table of the measurements of each machine's units, which were made at some commit. Those of one machine may be
+    of an old table."""
+    rows, super_rows = (samples[machine] for machine in PREFIXES)
     report = {
         "config": PAPER.name,
         "reference": {"cores": PAPER.cores_x * PAPER.cores_y, "culling_units": PAPER.culling_units,
                       "warp_lanes": PAPER.warp_lanes},
         "node": ASAP7.node, "voltage": VOLTAGE, "clock_ps": clock_ps, "to_16nm": ENERGY_TO_16NM["asap7"],
         "scaling": f"x {ENERGY_TO_16NM['asap7']:g} to 16 nm at 0.8 V ({SOURCE})", "flop_leakage_pw": flop_leakage(),
-        "commit": commit(), "tools": flow.version(), "scenes": scenes, "size": SIZE,
+        **{f"{prefix}commit": commits[machine] for machine, prefix in PREFIXES.items()}, "tools": flow.version(), "scenes": scenes, "size": SIZE,
         "units": unit_rows(rows), "supertile_units": super_unit_rows(super_rows, rows), "samples": rows,
         "supertile_samples": super_rows}
     write_report(path, report, [__name__], {"machines": [PAPER, V3], "clock_ps": clock_ps, "size": SIZE},
