@@ -92,7 +92,7 @@ def _lists(config: AcceleratorConfig) -> Iterator[Store]:
         numbers = list_index(config).width
         yield Store("depth_buckets", "bounds", LISTS, lists, config.formats.depth_key.width, _SEARCH_BANKS)
         yield Store("depth_buckets", "of lists", LISTS, lists, supertile_index(config))
-        yield Store("depth_buckets", "of super-tiles", LISTS, frame_supertiles(config), numbers + 4)
+        yield Store("depth_buckets", "of super-tiles", LISTS, frame_supertiles(config), numbers + _SEARCH_BANKS)
         yield Store("depth_buckets", "ends", LISTS, 2 * lists, 1)
 
 

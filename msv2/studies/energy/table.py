@@ -63,7 +63,6 @@ class Table:
     """
 
     units: tuple[Unit, ...]
-    supertile_units: tuple[Unit, ...]
     config: str
     reference: Mapping[str, int]
     node: str
@@ -71,6 +70,7 @@ class Table:
     scaling: str
     flop_leakage_pw: float
     commit: str
+    supertile_units: tuple[Unit, ...] = ()
 
 
 def load_table(path: Path = TABLE) -> Table:

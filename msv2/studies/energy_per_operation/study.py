@@ -154,7 +154,8 @@ def write_table(
                       "warp_lanes": PAPER.warp_lanes},
         "node": ASAP7.node, "voltage": VOLTAGE, "clock_ps": clock_ps, "to_16nm": ENERGY_TO_16NM["asap7"],
         "scaling": f"x {ENERGY_TO_16NM['asap7']:g} to 16 nm at 0.8 V ({SOURCE})", "flop_leakage_pw": flop_leakage(),
-        **{f"{prefix}commit": commits[machine] for machine, prefix in PREFIXES.items()}, "tools": flow.version(), "scenes": scenes, "size": SIZE,
+        **{f"{prefix}commit": commits[machine] for machine, prefix in PREFIXES.items()}, "tools": flow.version(),
+        "scenes": scenes, "size": SIZE,
         "units": unit_rows(rows), "supertile_units": super_unit_rows(super_rows, rows), "samples": rows,
         "supertile_samples": super_rows}
     write_report(path, report, [__name__], {"machines": [PAPER, V3], "clock_ps": clock_ps, "size": SIZE},
