@@ -39,8 +39,9 @@ int demo(void *port, const uint8_t *bytes, uint32_t size, uint32_t dram, uint32_
     printf("cycles %" PRIu64 " table %" PRIu64 " geometry %" PRIu64 " render %" PRIu64 "\n", counted.cycles,
            counted.cycles_table, counted.cycles_geometry, counted.cycles_render);
     printf("frames %" PRIu32 " points %" PRIu32 " survivors %" PRIu32 " entries %" PRIu32 " groups %" PRIu32 " pixels %" PRIu32
-           " read_beats %" PRIu32 " write_beats %" PRIu32 "\n",
+           " read_beats %" PRIu32 " write_beats %" PRIu32 " %s_hits %" PRIu32 " %s_misses %" PRIu32 "\n",
            counted.frames, counted.points, counted.survivors, counted.intersections, counted.groups, counted.pixels,
-           counted.read_beats, counted.write_beats);
+           counted.read_beats, counted.write_beats, machine.supertiles ? "header" : "fetch", counted.fetch_hits,
+           machine.supertiles ? "header" : "fetch", counted.fetch_misses);
     return 0;
 }

@@ -1,9 +1,12 @@
-"""One frame by the C driver: exports the machine, builds it with Verilator around the driver, renders a frame, compares.
+"""Frames by the C driver: exports a machine, builds it with Verilator around the driver, renders frames, compares.
 
-    python examples/driver/frame.py --out build/examples/driver
+    python examples/driver/frame.py
+    python examples/driver/frame.py --config tiny_v3 --frames 3
 
-The first run builds a simulator of the tiny machine, which takes minutes; later ones take seconds. The picture is compared with
-the golden renderer's in every bit, and the counters that the driver reads with its counts. Exit status 1 where any differs.
+The first run of a machine builds its simulator, which takes minutes; later ones take seconds. Frames follow each other without
+a reset, seen by one camera after the other, and machines with lists by super-tile keep what they have learnt from the frame
+before. Every picture is compared with the golden renderer's in every bit, and the counters that the driver reads with its
+counts. Exit status 1 where any differs.
 """
 
 from __future__ import annotations
@@ -19,13 +22,14 @@ from pathlib import Path
 
 from frame_image import write_frame_image
 
+from golden.msv2_ref.batches import following
 from golden.msv2_ref.pipeline import Frame, render
 from golden.scenes.embedded.splats import cached_embedded_model
 from golden.scenes.embedded.views import embedded_cameras
 from golden.scenes.pictures import save_png
 from golden.scenes.request import make_folder
 from msv2.verilog.export import export
-from spec.config import TINY
+from spec.config import TINY, TINY_V3, AcceleratorConfig
 from spec.errors import InputError, run_command_line
 from spec.paths import DOCS
 from tb.common.runner import VERILATOR, check_tools, verilator_environment
@@ -35,8 +39,13 @@ from tb.top.check import expected_events, mismatches
 HERE = Path(__file__).resolve().parent
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Wstrict-prototypes", "-Werror", "-O2")
 C_SOURCES = ("msv2_driver.c", "demo.c")
-ADDRESS = 0x40000
-"""Where the image lies in the simulated memory: not at 0, so that a base that is not moved changes the frame."""
+MACHINES = {config.name: config for config in (TINY, TINY_V3)}
+CAMERAS = 8
+"""Cameras of the embedded scene's orbit."""
+
+ADDRESS, TIMEOUT = 0x40000, 10000
+"""Where an image lies in the simulated memory: not at 0, so that a base that is not moved changes the frame. Milliseconds for a
+frame."""
 
 
 def run(command: Sequence[object], folder: Path, log: Path) -> None:
@@ -51,10 +60,10 @@ def run(command: Sequence[object], folder: Path, log: Path) -> None:
         raise InputError(f"{Path(str(command[0])).name} failed; the end of {log}:\n{end}")
 
 
-def build(folder: Path) -> Path:
-    """The simulator of the tiny machine with driver and demo, built where a source has changed."""
+def build(config: AcceleratorConfig, folder: Path) -> Path:
+    """The simulator of a machine with driver and demo, built where a source has changed."""
     check_tools()
-    machine = export(TINY, folder / "verilog")
+    machine = export(config, folder / "verilog")
     simulator, stamp, log = folder / "model" / "simulation", folder / "built", folder / "build.log"
     sources = [*(HERE / name for name in ("msv2_driver.h", "demo.h", *C_SOURCES, "simulation.cpp")), DOCS / "msv2_registers.h",
                *sorted((folder / "verilog").rglob("*.v"))]
@@ -65,8 +74,9 @@ def build(folder: Path) -> Path:
     for name in C_SOURCES:
         run(["gcc", *WARNINGS, "-I", HERE, "-I", DOCS, "-c", HERE / name, "-o", folder / f"{name}.o"], folder, log)
     apart = folder / "apart.vlt"  # pixel cores that are not inlined compile faster
-    apart.write_text('`verilator_config\nno_inline -module "tiny_pixel_core"\n')
-    print("building the simulator of the tiny machine: minutes", flush=True)
+    core = "batch_core" if config.supertiles else "pixel_core"
+    apart.write_text(f'`verilator_config\nno_inline -module "{config.name}_{core}"\n')
+    print(f"building the simulator of the machine {config.name}: minutes", flush=True)
     run([VERILATOR, "--cc", "--exe", "--build", "-j", os.cpu_count() or 1, "-O3", "--x-assign", "fast", "--x-initial", "fast",
          "-Wno-fatal", "--top-module", machine.top, "--prefix", "Vmachine", "--Mdir", simulator.parent, "-o", simulator.name,
          "-CFLAGS", f"-I{HERE} -I{DOCS}", "-LDFLAGS", " ".join(str(folder / f"{name}.o") for name in C_SOURCES),
@@ -75,8 +85,18 @@ def build(folder: Path) -> Path:
     return simulator
 
 
+def golden_frames(config: AcceleratorConfig, size: int, count: int) -> list[Frame]:
+    """Square frames of the embedded scene from its cameras in turn, as a machine renders them one after the other."""
+    model, cameras = cached_embedded_model(), embedded_cameras(size, size)
+    frames: list[Frame] = []
+    for number in range(count):
+        frame = render(model, cameras[number % CAMERAS], config=config)
+        frames.append(following(frame, frames[-1], None) if config.supertiles and frames else frame)
+    return frames
+
+
 def wrong_counts(frame: Frame, said: str) -> list[str]:
-    """The counters that the driver has printed and that differ from the golden frame's counts."""
+    """The counters that the driver has printed for a frame and that differ from the golden frame's counts."""
     found = {name: int(value) for name, value in re.findall(r"(\w+) (\d+)", said.partition("\n")[2])}
     events = expected_events(frame) | {"frames": 1}
     return [f"counter {name} must be {events[name]}, not {count}" for name, count in found.items()
@@ -86,36 +106,46 @@ def wrong_counts(frame: Frame, said: str) -> list[str]:
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line's work."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("build/examples/driver"), metavar="DIR")
-    parser.add_argument("--size", type=int, default=48, metavar="PIXELS", help="width and height of the frame (default: 48)")
+    parser.add_argument("--config", choices=MACHINES, default=TINY.name, help=f"the machine (default: {TINY.name})")
+    parser.add_argument("--out", type=Path, default=Path("build/examples/driver"), metavar="DIR",
+                        help="a folder for all machines, each in a folder of its name (default: build/examples/driver)")
+    parser.add_argument("--size", type=int, default=48, metavar="PIXELS", help="width and height of a frame (default: 48)")
+    parser.add_argument("--frames", type=int, default=1, metavar="N", help="frames in a row, 1 to 8 (default: 1)")
     args = parser.parse_args(argv)
-    if not 1 <= args.size <= TINY.row_width:
-        raise InputError(f"size {args.size} is not accepted: 1 to {TINY.row_width} pixels are")
-    out = args.out.resolve()
+    config = MACHINES[args.config]
+    if not 1 <= args.size <= config.row_width:
+        raise InputError(f"size {args.size} is not accepted: 1 to {config.row_width} pixels are")
+    if not 1 <= args.frames <= CAMERAS:
+        raise InputError(f"frames {args.frames} is not accepted: 1 to {CAMERAS} are")
+    out = args.out.resolve() / config.name
     make_folder(out)
     with open(out / "lock", "w") as lock:  # a second run would build into the same folder, so it waits
         fcntl.flock(lock, fcntl.LOCK_EX)
-        return rendered(build(out), out, args.size)
+        return rendered(build(config, out), config, out, args.size, args.frames)
 
 
-def rendered(simulator: Path, out: Path, size: int) -> int:
-    """Renders a square frame of `size` pixels by the driver and compares it; returns 1 where anything differs."""
-    golden = render(cached_embedded_model(), embedded_cameras(size, size)[0], config=TINY)
-    image = write_frame_image(golden, out / "frame.img")
-    done = subprocess.run([simulator, out / "frame.img", out / "frame.bin", hex(ADDRESS)], check=False, capture_output=True,
-                          text=True)
+def rendered(simulator: Path, config: AcceleratorConfig, out: Path, size: int, count: int) -> int:
+    """Renders square frames of `size` pixels by the driver and compares them; returns 1 where anything differs."""
+    frames = golden_frames(config, size, count)
+    images = [write_frame_image(frame, out / f"frame{number}.img") for number, frame in enumerate(frames)]
+    files = [out / f"frame{number}.{kind}" for number in range(count) for kind in ("img", "bin")]
+    done = subprocess.run([simulator, hex(ADDRESS), str(TIMEOUT), *files], check=False, capture_output=True, text=True)
     print(done.stdout, end="")
     if done.returncode:
         print(f"FAIL: the simulation ends with status {done.returncode}: {done.stderr}")
         return 1
-    pixels = image.frame(out / "frame.bin")
-    save_png(out / "frame.png", picture(golden, pixels))
-    counts, values = wrong_counts(golden, done.stdout), mismatches(golden, pixels)
-    for line in counts:
-        print(line)
-    print(f"{size}x{size} pixels, {len(golden.entries.splat)} intersections, "
-          f"{len(values)} values differ from the golden frame")
-    return 1 if values or counts else 0
+    wrong = 0
+    for number, (frame, image, said) in enumerate(zip(frames, images, done.stdout.split("machine ")[1:], strict=True)):
+        pixels = image.frame(out / f"frame{number}.bin")
+        save_png(out / f"frame{number}.png", picture(frame, pixels))
+        counts, values = wrong_counts(frame, said), mismatches(frame, pixels)
+        for line in counts:
+            print(line)
+        lists = f", {frame.bounds.lists} lists" if frame.bounds else ""
+        print(f"frame {number}: {size}x{size} pixels, {len(frame.entries.splat)} intersections{lists}, "
+              f"{len(values)} values differ from the golden frame")
+        wrong += bool(values or counts)
+    return int(wrong > 0)
 
 
 if __name__ == "__main__":

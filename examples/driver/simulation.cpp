@@ -1,10 +1,12 @@
 // A port of the driver to the RTL in Verilator: registers over AXI4-Lite, and a memory behind the machine's AXI4 port.
 //
-//     simulation IMAGE FRAME [ADDRESS [TIMEOUT]]
+//     simulation ADDRESS TIMEOUT IMAGE FRAME [IMAGE FRAME ...]
 //
-// Runs demo() on the frame image IMAGE at byte address ADDRESS, and writes the memory of the frame to the file FRAME. A
-// millisecond of the driver's timeout is 100,000 cycles here. The exit status is demo's; 99: the bus broke a rule.
+// Runs demo() on each frame image IMAGE in turn, at byte address ADDRESS, and writes the memory of its frame to the file FRAME.
+// There is no reset between frames, and none that fails is followed by another. A millisecond of the driver's timeout is
+// 100,000 cycles here. The exit status is demo's; 99: the bus broke a rule.
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
@@ -187,9 +189,27 @@ public:
     Memory memory;
 };
 
-uint32_t number(int argc, char **argv, int place, uint32_t otherwise) {
-    return argc > place ? static_cast<uint32_t>(std::strtoul(argv[place], nullptr, 0)) : otherwise;
+uint32_t number(const char *text) { return static_cast<uint32_t>(std::strtoul(text, nullptr, 0)); }
+
+std::vector<uint8_t> contents(const char *name) {
+    std::ifstream file(name, std::ios::binary);
+    if (!file) {
+        std::fprintf(stderr, "%s cannot be read\n", name);
+        std::exit(98);
+    }
+    return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
 }
+
+struct Image {
+    explicit Image(const char *name) : bytes(contents(name)) {
+        if (msv2_image_open(&head, bytes.data(), size()) != MSV2_OK) head.memory = 0;
+    }
+
+    uint32_t size() const { return static_cast<uint32_t>(bytes.size()); }
+
+    std::vector<uint8_t> bytes;
+    msv2_image head{};
+};
 
 }  // namespace
 
@@ -208,27 +228,26 @@ int msv2_wait(void *port, uint32_t timeout) { return static_cast<Simulation *>(p
 }
 
 int main(int argc, char **argv) {
-    if (argc < 3 || argc > 5) {
-        std::fprintf(stderr, "usage: %s IMAGE FRAME [ADDRESS [TIMEOUT]]\n", argv[0]);
+    if (argc < 5 || argc % 2 == 0) {
+        std::fprintf(stderr, "usage: %s ADDRESS TIMEOUT IMAGE FRAME [IMAGE FRAME ...]\n", argv[0]);
         return 98;
     }
-    std::ifstream file(argv[1], std::ios::binary);
-    if (!file) {
-        std::fprintf(stderr, "%s cannot be read\n", argv[1]);
-        return 98;
+    const uint32_t address = number(argv[1]), timeout = number(argv[2]);
+    std::deque<Image> images;
+    uint32_t most = 0;
+    for (int place = 3; place < argc; place += 2) {
+        images.emplace_back(argv[place]);
+        most = std::max(most, images.back().head.memory);
     }
-    const std::vector<uint8_t> bytes((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
-    const uint32_t size = static_cast<uint32_t>(bytes.size());
-    const uint32_t address = number(argc, argv, 3, 0), timeout = number(argc, argv, 4, 10000);
-
-    msv2_image image{};
-    const bool good = msv2_image_open(&image, bytes.data(), size) == MSV2_OK;
-    Simulation simulation(static_cast<size_t>(address) + (good ? image.memory : 0));
-    const int result = demo(&simulation, bytes.data(), size, address, timeout);
-    if (result == 0) {
-        const size_t pixels = static_cast<size_t>(image.width) * image.height * image.pixel_bytes;
-        const uint8_t *frame = simulation.memory.at(static_cast<uint64_t>(address) + image.frame, pixels);
-        std::ofstream(argv[2], std::ios::binary).write(reinterpret_cast<const char *>(frame), static_cast<long>(pixels));
+    Simulation simulation(static_cast<size_t>(address) + most);
+    for (size_t place = 0; place < images.size(); place++) {
+        const Image &image = images[place];
+        const int result = demo(&simulation, image.bytes.data(), image.size(), address, timeout);
+        if (result != 0) return result;
+        const size_t pixels = static_cast<size_t>(image.head.width) * image.head.height * image.head.pixel_bytes;
+        const uint8_t *frame = simulation.memory.at(static_cast<uint64_t>(address) + image.head.frame, pixels);
+        std::ofstream out(argv[4 + 2 * place], std::ios::binary);
+        out.write(reinterpret_cast<const char *>(frame), static_cast<long>(pixels));
     }
-    return result;
+    return 0;
 }

@@ -65,25 +65,25 @@ def super_stores(config: AcceleratorConfig) -> Iterator[Store]:
 def _tile_test(config: AcceleratorConfig) -> Iterator[Store]:
     paths, rows = culling(config), -(-config.row_width // TILE)
     for width in (26, 42):  # the datapaths of both rows of tiles
-        yield Store("tile_test", f"ellipse {width}", CULLING, paths.ellipse.rows, width)
+        yield Store("supertile_test", f"ellipse {width}", CULLING, paths.ellipse.rows, width)
     codes = 2 if config.levels > 1 else 0
     groups = 1 << (-(-rows // LEVEL_GROUP) - 1).bit_length() if rows > LEVEL_GROUP else 1
     if codes:
-        yield Store("tile_test", "levels", CULLING, -(-rows // SUPER_Y) * groups, LEVEL_GROUP * codes, SUPER_Y)
+        yield Store("supertile_test", "levels", CULLING, -(-rows // SUPER_Y) * groups, LEVEL_GROUP * codes, SUPER_Y)
     key = next(f.format.width for f in projected_splat(config).fields if f.name == "depth_key")
     kept = surviving_splat(config).width - 1 - MAX_LEVELS - SUPER_TILES + key
-    yield Store("tile_test", "queue", CULLING, paths.ellipse.rows + TILE_TEST_BESIDE - 1, kept)
+    yield Store("supertile_test", "queue", CULLING, paths.ellipse.rows + TILE_TEST_BESIDE - 1, kept)
     if paths.colour.rows:
         for width in (152, 98):
-            yield Store("colour_unit", f"path {width}", COLOUR, paths.colour.rows, width)
+            yield Store("pair_colour", f"path {width}", COLOUR, paths.colour.rows, width)
 
 
 def _lists(config: AcceleratorConfig) -> Iterator[Store]:
     lists, unit = frame_lists(config), BEAT_BITS - (FIRST_PAGE_BEATS - 1).bit_length()
     pair = INDEX_BITS + config.formats.depth_key.width
-    yield Store("entry_writer", "origins", LISTS, lists, unit)
-    yield Store("entry_writer", "places", LISTS, lists, (FIRST_PAGE_ENTRIES << DIRECTORY_SLOTS + 1).bit_length())
-    yield Store("entry_writer", "pairs", LISTS, lists, pair, BEAT_ENTRIES - 1)
+    yield Store("pair_writer", "origins", LISTS, lists, unit)
+    yield Store("pair_writer", "places", LISTS, lists, (FIRST_PAGE_ENTRIES << DIRECTORY_SLOTS + 1).bit_length())
+    yield Store("pair_writer", "pairs", LISTS, lists, pair, BEAT_ENTRIES - 1)
     yield Store("list_reader", "pointers", LISTS, LIST_POINTERS - 1, unit)
     yield Store("list_reader", "waiting", LISTS, LIST_TILES - 1, COUNT_BITS + list_index(config).width + 1)
     yield Store("queue of lists", "lists", LISTS, LISTS_AHEAD - 1, list_group(config).width)
@@ -92,7 +92,7 @@ def _lists(config: AcceleratorConfig) -> Iterator[Store]:
         numbers = list_index(config).width
         yield Store("depth_buckets", "bounds", LISTS, lists, config.formats.depth_key.width, _SEARCH_BANKS)
         yield Store("depth_buckets", "of lists", LISTS, lists, supertile_index(config))
-        yield Store("depth_buckets", "of super-tiles", LISTS, frame_supertiles(config), numbers + 4)
+        yield Store("depth_buckets", "of super-tiles", LISTS, frame_supertiles(config), numbers + _SEARCH_BANKS)
         yield Store("depth_buckets", "ends", LISTS, 2 * lists, 1)
 
 

@@ -7,19 +7,20 @@ from dataclasses import replace
 
 from msv2.studies.area.stores import Store, stores
 from msv2.studies.energy.table import Memory, Unit
-from spec.config import PAPER, AcceleratorConfig
+from spec.config import PAPER, V3, AcceleratorConfig
 
 
 def configured(unit: Unit, config: AcceleratorConfig) -> tuple[Memory, ...]:
     """The memories of a unit in `config`, with the accesses of an operation.
 
-    The table of energies was measured on PAPER. A memory that has the same shape there and in `config` stays as it was
+    The table of energies was measured on PAPER, and units that only machines with lists by super-tile have on V3. A
+    memory that has the same shape there and in `config` stays as it was
     measured; another one has the shape that `config` gives it (`msv2.studies.area.stores`). Where a machine has more or fewer
     equal memories, such as lanes, they share the accesses. A stage that only a longer sorter has is accessed as the measured
     last one.
     """
-    was = [store for store in stores(PAPER.with_(stereo=config.stereo)) if store.unit == unit.name]
-    now = {store.name: store for store in stores(config) if store.unit == unit.name}
+    was = _of(unit, PAPER.with_(stereo=config.stereo)) or (_of(unit, V3) if config.supertiles else [])
+    now = {store.name: store for store in _of(unit, config)}
     places, out = _places(unit.memories, was), []
     for number, memory in enumerate(unit.memories):
         store = places.get(number)
@@ -36,6 +37,10 @@ def configured(unit: Unit, config: AcceleratorConfig) -> tuple[Memory, ...]:
         if name not in known and name.startswith("stage") and longest:
             out.append(replace(max(longest, key=lambda memory: memory.words), words=store.words, width=store.width))
     return tuple(out)
+
+
+def _of(unit: Unit, config: AcceleratorConfig) -> list[Store]:
+    return [store for store in stores(config) if store.unit == unit.name]
 
 
 def _shared(measured: Sequence[Memory], here: Store) -> list[Memory]:

@@ -27,7 +27,7 @@ def modelled_energy(
         ValueError: see `frame_energy`.
     """
     if isinstance(trace, SuperTrace) and isinstance(cycles, SuperCycles):
-        counts, table = super_counts(trace, cycles, config), super_table(table, trace, config)
+        counts, table = super_counts(trace, cycles, config), super_table(table, config)
     else:
         counts = model_counts(trace, cycles)
     return frame_energy(counts, cycles.total, config, table, clock_hz=clock_hz)

@@ -6,10 +6,12 @@ from pathlib import Path
 
 from msv2.studies.energy.dram import GROUPS
 from msv2.studies.energy.frame import CHIP, CLOCK_TREE_SHARE, DRAM_UNIT, WIRE_SHARE
+from msv2.studies.energy.supertiles import super_table
 from msv2.studies.energy.table import Table
 from msv2.studies.memory import MEMORY_NAMES
 from msv2.studies.page import table
 from msv2.studies.picture import find_pyplot, save_figure
+from spec.config import V3
 from spec.memory import BEAT_BYTES
 
 OTHERS = (
@@ -51,10 +53,12 @@ def as_markdown(content: dict[str, object], energies: Table) -> str:
                         [(unit, *(f"{1e3 * parts[part]:.2f}" if parts[part] else "" for part in _COLUMNS),
                           f"{1e3 * sum(parts.values()):.2f}", f"{frame['pj_per_entry'][unit]:.1f}")
                          for unit, parts in ordered], left=1)]
-    lines += ["", "## What an operation costs", "", f"At {energies.node}, unscaled; memories are counted apart, by access.", "",
-              table(("unit", "operation", "pJ", "of it nets", "clock, pJ a cycle", "leakage, mW", "measured by"),
-                    [(u.name, u.operation, f"{u.dynamic_pj:.3f}", f"{u.switching_pj:.3f}", f"{u.clock_pj:.3f}",
-                      f"{u.leakage_mw:.4f}", u.source) for u in energies.units], left=2, words=("measured by",))]
+    for title, units in (("What an operation costs", energies.units),
+                         (f"What an operation costs on `{V3.name}`", super_table(energies).units)):
+        lines += ["", f"## {title}", "", f"At {energies.node}, unscaled; memories are counted apart, by access.", "",
+                  table(("unit", "operation", "pJ", "of it nets", "clock, pJ a cycle", "leakage, mW", "measured by"),
+                        [(u.name, u.operation, f"{u.dynamic_pj:.3f}", f"{u.switching_pj:.3f}", f"{u.clock_pj:.3f}",
+                          f"{u.leakage_mw:.4f}", u.source) for u in units], left=2, words=("measured by",))]
     lines += ["", "## Memories of the chip and beside it", ""]
     seen = {}
     for row in (row for frame in content["frames"] for row in frame["rows"] if row["part"] in ("sram", "dram")):

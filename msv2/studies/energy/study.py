@@ -30,6 +30,7 @@ from msv2.studies.page import write_page
 from msv2.studies.record import commit, write_report
 from msv2.studies.scenes import ENERGY, available, places
 from spec.command_line import command_parser
+from spec.config import V3
 from spec.effects import with_two_eyes
 from spec.errors import InputError
 from spec.extras import how_to_get
@@ -120,12 +121,14 @@ def _frame(
 
 
 def requests(args: argparse.Namespace) -> Iterator[argparse.Namespace]:
-    """The requested frames."""
+    """The requested frames. Without a scene, those of one eye are also asked for on the machine with lists by super-tile."""
     if args.scene is not None:
         yield args
         return
-    for view, path in available(ENERGY):
-        yield argparse.Namespace(**{**vars(args), "scene": path, "size": view.size, "gaze": view.gaze, "levels": 4})
+    for name in dict.fromkeys((args.config, *[V3.name] * (not args.stereo))):
+        for view, path in available(ENERGY):
+            yield argparse.Namespace(**{**vars(args), "config": name, "scene": path, "size": view.size, "gaze": view.gaze,
+                                        "levels": 4})
 
 
 def main(argv: Sequence[str] | None = None) -> int:

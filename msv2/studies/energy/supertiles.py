@@ -1,34 +1,51 @@
 """The energy of frames on machines with lists by super-tile (`spec.supertiles`).
 
-The logic of shared units was measured on PAPER, per operation. Here, projection, tile test and colours work once more for every
-pair; lists, sorter and handover move pairs instead of intersections; and units for splat records and headers of tiles are gone.
-Memories that only these machines have are counted by access. The logic of their new units is not measured: its work for a pair
-is taken as that of the splat fetch unit.
+Units that only these machines have were measured on V3 (`Table.supertile_units`), and those that they share with other
+machines on PAPER. Per operation the latter are the same, but some count another one: projection works once more for every pair,
+and lists, sorter and handover move pairs instead of intersections. Two parts have no netlist of their own and are assumed: the
+logic that loads and stores pixels' states, which costs nothing here, and the accesses to the memories that hold them. The
+sources of the rows say so.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from msv2.studies.area.super_stores import super_stores
 from msv2.studies.energy.frame import WorkCounts
 from msv2.studies.energy.table import Memory, Table, Unit
-from perf.supertiles import SuperCycles
-from perf.supertiles_trace import SuperTrace
 from spec.config import V3, AcceleratorConfig
 from spec.constants import TILE
-from spec.memory import BEAT_BYTES, colour_beats
+from spec.memory import BEAT_BYTES
 
-_OPERATIONS = {
-    "projection_unit": "projected", "tile_test": "tested", "colour_unit": "pairs", "tile_merge_unit": "pairs",
-    "hierarchical_sorter": "sorted_entries", "line_buffer": "pairs", "entry_writer": "pairs", "list_reader": "pairs"}
+if TYPE_CHECKING:  # a table must not need the model's compiler
+    from perf.supertiles import SuperCycles
+    from perf.supertiles_trace import SuperTrace
+
+OPERATIONS = {
+    "projection_unit": "projected", "tile_merge_unit": "pairs", "hierarchical_sorter": "sorted_entries", "line_buffer": "pairs",
+    "list_reader": "pairs"}
 """Units that count another operation than on PAPER."""
 
-_GONE = ("header_maker", "warp_unit")
+GONE = ("geometry_reader", "tile_test", "colour_unit", "entry_writer", "splat_fetch", "header_maker", "warp_unit")
+"""PAPER's units that these machines do not have, or have another one in the place of."""
 
-_SOURCE = "accesses of an operation by the unit's design (rtl/supertiles)"
+STAND_INS = {
+    "supertile_test": ("tile_test", "tested"), "pair_colour": ("colour_unit", "pairs"),
+    "chunk_test": ("projection_unit", "chunks"), "chunk_reader": ("geometry_reader", "points"),
+    "chunk_header_reader": ("geometry_reader", "chunks"), "level_bounds": ("table_loader", "tiles"),
+    "supertile_reader": ("header_maker", "tiles")}
+"""Which one of PAPER's units stands for one that the table has no measurement of, with its operation."""
+
+ASSUMED = {
+    "transmittances": ("pixel_state", "state_rows", "assumed: each row of a tile's pixels is written once where it is stored, "
+                       "and read once where it is loaded (rtl.vrc_array.pixel_state); its logic is not measured"),
+    "sums": ("pixel_state", "state_rows", "as its transmittances"),
+    "lists": ("queue of lists", "lists", "assumed: each list enters and leaves the queue once (rtl.top.gather_phase)")}
+"""Memories that are in no measured netlist, each read and written once in an operation: unit, operation and source."""
 
 
 @dataclass(frozen=True)
@@ -36,16 +53,20 @@ class SuperCounts(WorkCounts):
     """The operations of a frame.
 
     Attributes:
-        pairs, places, visits: as the machine counts them.
+        pairs, places, visits: as the machine counts them. lists: the number of lists. chunks: that of the model's chunks, whose
+            headers are tested.
         projected: Gaussians that pass projection: those that are read, and those of pairs.
-        tested: intersections that the tile test finds in both phases.
+        tests, tested: pairs, and intersections, that the tile test finds in both phases.
         state_rows: rows of pixels that are stored, and as many loaded.
     """
 
     pairs: int = 0
     places: int = 0
     visits: int = 0
+    lists: int = 0
+    chunks: int = 0
     projected: int = 0
+    tests: int = 0
     tested: int = 0
     state_rows: int = 0
 
@@ -62,38 +83,41 @@ def super_counts(trace: SuperTrace, cycles: SuperCycles, config: AcceleratorConf
         points=trace.points_read, survivors=trace.survivors, entries=cycles.entries, spilled_entries=cycles.spilled_entries,
         ops=cycles.ops, pixels=trace.width * trace.height, tiles=tiles,
         read_beats=sum(cycles.reads.values()) // BEAT_BYTES, write_beats=sum(cycles.writes.values()) // BEAT_BYTES, **commands,
-        pairs=cycles.pairs, places=int(trace.places.sum(dtype=np.int64)), visits=cycles.visits,
-        projected=trace.points_read + cycles.pairs, tested=2 * cycles.entries,
+        pairs=cycles.pairs, places=int(trace.places.sum(dtype=np.int64)), visits=cycles.visits, lists=cycles.lists,
+        chunks=len(trace.chunk_count), projected=trace.points_read + cycles.pairs, tests=2 * cycles.pairs,
+        tested=2 * cycles.entries,
         state_rows=(cycles.visits - tiles) * TILE * TILE // config.cores_x)
 
 
-def super_table(table: Table, trace: SuperTrace, config: AcceleratorConfig = V3) -> Table:
-    """The table of energies for a machine with super-tiles, from that of PAPER."""
-    units = []
-    for unit in table.units:
-        if unit.name == "splat_fetch":
-            units.append(replace(unit, name="record_fetch", operation="pairs", memories=(), source=_SOURCE))
-        elif unit.name not in _GONE:
-            units.append(replace(unit, operation=_OPERATIONS.get(unit.name, unit.operation)))
-    return replace(table, units=(*units, *_memories(config, colour_beats(config, trace.sh_degree))))
+def super_table(table: Table, config: AcceleratorConfig = V3) -> Table:
+    """The table of energies for a machine with super-tiles, with what was measured and assumed for it."""
+    units = [replace(unit, operation=OPERATIONS.get(unit.name, unit.operation), source=_shared(unit))
+             for unit in table.units if unit.name not in GONE]
+    return replace(table, units=(*units, *table.supertile_units, *_stand_ins(table), *_assumed(config)))
 
 
-def _memories(config: AcceleratorConfig, beats: int) -> list[Unit]:
-    """The memories that only machines with super-tiles have, a unit for each operation."""
-    accesses = {
-        "tags": ("pairs", 1.0, 1.0), "located": ("pairs", 1.0, 1.0), "awaited": ("pairs", 1.0, 1.0),
-        "places of chunks": ("pairs", 1.0, 0.05), "shapes of chunks": ("pairs", 1.0, 0.05), "missed": ("pairs", 0.05, 0.05),
-        "beats": ("pairs", float(beats), float(beats)), "bounds": ("pairs", 1.0, 0.0), "pairs": ("pairs", 1.0, 1.0),
-        "records": ("places", 0.0, 1.0), "masks": ("visits", 2.0, 2.0), "supertiles": ("visits", 0.1, 0.1),
-        "transmittances": ("state_rows", 1.0, 1.0), "sums": ("state_rows", 1.0, 1.0)}
+def _stand_ins(table: Table) -> list[Unit]:
+    """The units of STAND_INS that were not measured."""
+    measured, of = {unit.name for unit in table.supertile_units}, {unit.name: unit for unit in table.units}
+    return [replace(of[name], name=unit, operation=operation,
+                    source=f"assumed: not measured; {name} of PAPER stands for it, with {of[name].operation} as {operation}. "
+                           f"That is by {of[name].source}")
+            for unit, (name, operation) in STAND_INS.items() if unit not in measured]
+
+
+def _shared(unit: Unit) -> str:
+    """The source of a unit that was measured on PAPER."""
+    here = OPERATIONS.get(unit.name, unit.operation)
+    other = f", where it counts {unit.operation} in place of {here}" if here != unit.operation else ""
+    return f"{unit.source}; on PAPER{other}"
+
+
+def _assumed(config: AcceleratorConfig) -> list[Unit]:
+    """The memories of ASSUMED, a unit for each."""
     units = []
     for store in super_stores(config):
-        if store.name not in accesses:
-            continue
-        operation, reads, writes = accesses[store.name]
-        memory = Memory(store.words, store.width, reads, writes)
-        units.append(Unit(f"{store.unit}: {store.name}", operation, 0.0, 0.0, 0.0, 0.0, (memory,) * store.count, _SOURCE))
-        if store.name == "records":  # each intersection reads its record
-            read = replace(memory, reads=1.0, writes=0.0)
-            units.append(Unit(f"{store.unit}: entries", "entries", 0.0, 0.0, 0.0, 0.0, (read,), _SOURCE))
+        of, operation, source = ASSUMED.get(store.name, ("", "", ""))
+        if store.unit == of:
+            memories = (Memory(store.words, store.width, 1.0, 1.0),) * store.count
+            units.append(Unit(f"{store.unit}: {store.name}", operation, 0.0, 0.0, 0.0, 0.0, memories, source))
     return units

@@ -54,7 +54,7 @@ class Table:
     """The energies of all units of a machine, at the node of the library.
 
     Attributes:
-        units: the units, each once.
+        units: the units, each once. supertile_units: those that only machines with lists by super-tile have.
         config: the machine's name; reference: its numbers of cores, culling units and lanes, by the field's name.
         node, voltage: of the library.
         to_16nm: the factor of energy to 16 nm; scaling: what it is and where it comes from.
@@ -70,6 +70,7 @@ class Table:
     scaling: str
     flop_leakage_pw: float
     commit: str
+    supertile_units: tuple[Unit, ...] = ()
 
 
 def load_table(path: Path = TABLE) -> Table:
@@ -79,9 +80,10 @@ def load_table(path: Path = TABLE) -> Table:
     except (OSError, ValueError) as error:
         raise InputError(f"{path} is not a table of energies ({error}): the study energy_per_operation writes one") from error
     try:
-        units = tuple(
-            Unit(**{**row, "memories": tuple(Memory(**memory) for memory in row["memories"])}) for row in content["units"])
-        return Table(units=units, **{name: content[name] for name in (
+        units, more = (tuple(
+            Unit(**{**row, "memories": tuple(Memory(**memory) for memory in row["memories"])}) for row in content[key])
+            for key in ("units", "supertile_units"))
+        return Table(units=units, supertile_units=more, **{name: content[name] for name in (
             "config", "reference", "node", "to_16nm", "scaling", "flop_leakage_pw", "commit")})
     except (KeyError, TypeError) as error:
         raise InputError(f"{path} must be what the study energy_per_operation writes, not a table without {error}") from error

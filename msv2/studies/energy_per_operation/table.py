@@ -3,10 +3,11 @@ parts, and adds the units that no test bench plays."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from spec.chunks import TEST_INTERVAL
 from spec.config import PAPER
 
 OPERATIONS = {
@@ -21,11 +22,22 @@ DEFAULTS = {
     "frame_controller": ("cycles", 1), "warp_unit": ("warped", 1 / PAPER.warp_lanes)}
 """For each unit that is not simulated, the count that its operations are, and how many cycles an operation takes."""
 
+SUPER_OPERATIONS = {"supertile_test": "tests", "record_fetch": "pairs", "pair_colour": "pairs", "batch_buffer": "entries"}
+"""The same for the simulated units that only machines with lists by super-tile have: counts of
+`msv2.studies.energy.supertiles.SuperCounts`."""
+
+SUPER_DEFAULTS = {
+    "chunk_header_reader": ("chunks", 1), "level_bounds": ("tiles", 1), "chunk_test": ("chunks", TEST_INTERVAL),
+    "chunk_reader": ("points", 1), "supertile_clip": ("tests", 1), "depth_buckets": ("pairs", 1), "pair_writer": ("pairs", 1),
+    "supertile_reader": ("tiles", 1)}
+"""The same for those that are not simulated, with those that any machine with chunks has."""
+
 ARRAY_PARTS = {"pixel_core": "pixel cores", "vrc_row": "array rows", "vrc_array": "array control and output"}
 """The modules of the array that have rows of their own."""
 
 SIZED = {"pixel cores": "cores", "array rows": "cores", "projection_unit": "culling_units", "colour_unit": "culling_units",
-         "tile_test": "culling_units", "warp_unit": "warp_lanes"}
+         "tile_test": "culling_units", "warp_unit": "warp_lanes", "supertile_test": "culling_units",
+         "pair_colour": "culling_units"}
 """For each unit whose clock energy and leakage scale with a field of the configuration, that field."""
 
 GATES = "gate-level simulation with delays, {scenes}; every output equal to golden"
@@ -48,18 +60,36 @@ def unit_rows(rows: Sequence[dict]) -> list[dict[str, object]]:
         else:
             units.append(_unit(unit, operation, samples, samples, (SETUP if unit == "setup" else GATES).format(scenes=scenes)))
     _take_setup_out(units)
-    rate, nets = default_activity(rows)
+    return [*units, *_default_units(rows, DEFAULTS, default_activity(rows))]
+
+
+def super_unit_rows(rows: Sequence[dict], of_paper: Sequence[dict]) -> list[dict[str, object]]:
+    """The units that only machines with lists by super-tile have, less those that were left out. `of_paper` are the rows of
+    PAPER's units, whose mean activity is that of units that no test bench plays."""
+    units = []
+    for unit, operation in SUPER_OPERATIONS.items():
+        samples = [row for row in rows if row["unit"] == unit]
+        scenes = ", ".join(row["scene"] for row in samples)
+        if samples:
+            units.append(_unit(unit, operation, samples, samples, GATES.format(scenes=scenes)))
+    return [*units, *_default_units(rows, SUPER_DEFAULTS, default_activity(of_paper))]
+
+
+def _default_units(
+    rows: Sequence[dict], operations: Mapping[str, tuple[str, float]], activity: tuple[float, float],
+) -> Iterator[dict[str, object]]:
+    """The units whose clock energy and leakage alone were measured."""
+    rate, nets = activity
     for row in rows:
-        if row["unit"] in DEFAULTS:
-            operation, cycles = DEFAULTS[row["unit"]]
+        if row["unit"] in operations:
+            operation, cycles = operations[row["unit"]]
             dynamic = rate * row["area_um2"] * cycles
-            units.append({
+            yield {
                 "name": row["unit"], "operation": operation, "dynamic_pj": round(dynamic, 5),
                 "switching_pj": round(nets * dynamic, 5), "clock_pj": row["clock_pj_per_cycle"],
                 "leakage_mw": row["leakage_mw"],
                 "memories": [{**memory, "reads": cycles, "writes": cycles} for memory in row["memories"]],
-                "source": DEFAULT, "scales_with": SIZED.get(row["unit"], "")})
-    return units
+                "source": DEFAULT, "scales_with": SIZED.get(row["unit"], "")}
 
 
 def default_activity(rows: Sequence[dict]) -> tuple[float, float]:

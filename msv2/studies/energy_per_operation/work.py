@@ -64,35 +64,36 @@ class Work:
     strobe: str | None = None
 
 
-def _moved(port: str, each: int = 1) -> Callable[[Mapping[str, int]], int]:
+def moved(port: str, each: int = 1) -> Callable[[Mapping[str, int]], int]:
+    """Counts `each` operations for each item that a stream has moved."""
     return lambda moved: each * moved[port]
 
 
 def projection(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
     """Points pass near test and projection."""
     case = culling.shortened(culling.traced_case(frame, name), 2000)
-    return Work("projection_unit", "point", _moved("sink"), culling_suite.playback(config), culling_suite.plan_of(case),
+    return Work("projection_unit", "point", moved("sink"), culling_suite.playback(config), culling_suite.plan_of(case),
                 Window(200, 400))
 
 
 def tile_test(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
     """Splats are tested against tiles."""
     plan = tiles_suite.plan_of(tiles.case_of(frame, name))
-    return Work("tile_test", "entry", _moved("entries"), tiles_suite.playback(config), plan,
+    return Work("tile_test", "entry", moved("entries"), tiles_suite.playback(config), plan,
                 Window(200 + len(plan.run.inputs["table"]), 500))
 
 
 def colours(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
     """Survivors get their colours."""
     plan = colour_suite.plan_of(config, colour.frame_case(name, frame), delay=DELAY)
-    return Work("colour_unit", "splat", _moved("survivors"), colour_device.playback(config), plan, Window(400, 800),
+    return Work("colour_unit", "splat", moved("survivors"), colour_device.playback(config), plan, Window(400, 800),
                 answers={"data": "reads"})
 
 
 def tile_merge(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
     """Intersections are counted and tiles grouped. The window begins after the unit has cleared its counters."""
     plan = tmu_suite.plan_of(config, tmu.case_of(frame, name, None))
-    return Work("tile_merge_unit", "entry", _moved("hits"), tmu_suite.playback(config), plan,
+    return Work("tile_merge_unit", "entry", moved("hits"), tmu_suite.playback(config), plan,
                 Window(frame_lists(config) + 200, 500, whole=True))
 
 
@@ -103,14 +104,14 @@ def sorter(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
     playback = replace(  # without the test bench's memory
         hierarchical_suite.playback(config), inputs=(Stream("groups", chunk_item(config)),),
         outputs=(Stream("sorted", chunk_item(config)),))
-    return Work("hierarchical_sorter", "entry", _moved("sorted"), playback, plan, Window(8000, 600),
+    return Work("hierarchical_sorter", "entry", moved("sorted"), playback, plan, Window(8000, 600),
                 constants={"reads__ready": 1, "writes__ready": 1, "writes_idle": 1})
 
 
 def line_buffer(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
     """Sorted intersections pass the line buffer."""
     items = hierarchical_suite.plan_of(config, name, whole_groups(frame)).expected["sorted"]
-    return Work("line_buffer", "entry", _moved("source"), handover_suite.playback(config),
+    return Work("line_buffer", "entry", moved("source"), handover_suite.playback(config),
                 handover_suite.plan_of(config, name, items), Window(100, 500))
 
 
@@ -118,7 +119,7 @@ def splat_fetch(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
     """Intersections get their splat records, from a cache that is empty at first."""
     plan = fetch_suite.Plan(config, 0)
     plan.add(fetch.traced_case(name, frame), delay=DELAY)
-    return Work("splat_fetch", "entry", _moved("entries"), fetch_device.playback(config), plan.runs[0], Window(1000, 500),
+    return Work("splat_fetch", "entry", moved("entries"), fetch_device.playback(config), plan.runs[0], Window(1000, 500),
                 answers={"data": "reads"})
 
 
@@ -130,14 +131,14 @@ def setup(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
                    {"ops": setup_ops(config, case.headers, case.entries, background)}, settings={"background": background})
     playback = Playback("setup", "setup", "", (Stream("tiles", tile_header(config)), Stream("entries", array_splat(config))),
                         (Stream("ops", pixel_op(config)),), (("background", 3 * config.formats.colour.width),))
-    return Work("setup", "op", _moved("ops"), playback, plan, Window(50, 200, whole=True))
+    return Work("setup", "op", moved("ops"), playback, plan, Window(50, 200, whole=True))
 
 
 def array(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
     """Tiles pass the array, up to their last pixel."""
     case = pick_tiles(case_of(frame, name), 0, 3, 500)
     run = run_of(config, case)
-    return Work("vrc_array", "op", _moved("ops"), vrc_playback(config), Planned(run, {}), Window(120, 160, whole=True),
+    return Work("vrc_array", "op", moved("ops"), vrc_playback(config), Planned(run, {}), Window(120, 160, whole=True),
                 counters=("ops", "skipped"))
 
 
@@ -149,7 +150,7 @@ def writer(config: AcceleratorConfig, name: str, frame: Frame) -> Work:
         name, {"rows": rows}, {"writes": writes_of(config, pixels, rows, 0, True)},
         settings={"width": r.width, "height": r.height, "display": 1, "frame_base": 0,
                   "tile_count": len(rows) // rows_per_tile(config)})
-    return Work("pixel_writer", "pixel", _moved("rows", config.cores_x), writer_device.playback(config), plan, Window(50, 300),
+    return Work("pixel_writer", "pixel", moved("rows", config.cores_x), writer_device.playback(config), plan, Window(50, 300),
                 constants={"writes_idle": 1}, strobe="begin")
 
 

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from spec.config import PAPER, AcceleratorConfig
+from spec.config import PAPER, V3, AcceleratorConfig
 from spec.paths import REPORTS
 
 REPORT = REPORTS / "area.json"
@@ -39,3 +39,13 @@ def machine_mm2(report: Mapping[str, object], config: AcceleratorConfig) -> floa
         if name != WARP:
             total += factor * sums["logic_um2_16nm"] + sums["memory_um2_16nm"]
     return total / 1e6
+
+
+def known_mm2(report: Mapping[str, object] | None) -> dict[str, float]:
+    """Areas in mm^2 at 16 nm, with memories, of those of our whole machines for one eye that the report has, by their names."""
+    if report is None:
+        return {}
+    found = {PAPER.name: machine_mm2(report, PAPER)}
+    if V3.name in report["builds"]:
+        found[V3.name] = report["builds"][V3.name]["mm2_16nm"]
+    return found

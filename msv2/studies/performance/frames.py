@@ -21,13 +21,14 @@ from msv2.studies.kept import fingerprint
 from msv2.studies.scenes import MODELS
 from msv2.studies.scenes import TRAINED_HERE as TRAINED
 from perf.gscore import GscoreTrace, gscore_trace
+from perf.supertiles_trace import SuperTrace, trace_request
 from perf.trace import FrameTrace, load_trace, save_trace, trace_of
-from spec.config import PAPER, AcceleratorConfig
+from spec.config import PAPER, V3, AcceleratorConfig
 from spec.constants import ECC_THRESHOLD_DEG
 from spec.errors import InputError
 from spec.paths import ROOT, cache_folder
 
-CACHE = cache_folder("compared")
+CACHE, SUPER_CACHE = cache_folder("compared"), cache_folder("traces")
 TWO_EYES = PAPER.with_(stereo=True)
 LEVELS = 4
 
@@ -48,6 +49,7 @@ class Compared:
         other: the trace of the other eye, rendered as a whole.
         warped: the trace of both eyes, with the second one warped beyond the threshold.
         gscore: the first eye's trace for the GSCore-like machine.
+        gathered: the trace of one eye for the machine with lists by super-tile.
         subject: the request, as in the record beside a picture.
     """
 
@@ -58,6 +60,7 @@ class Compared:
     other: FrameTrace
     warped: FrameTrace
     gscore: GscoreTrace
+    gathered: SuperTrace
     subject: dict[str, object]
 
 
@@ -105,7 +108,8 @@ def compared(scene: str, size: str, camera: str = "orbit", *, config: Accelerato
         with atomic_output(folder / "gscore.npz") as file:
             np.savez_compressed(file, **found[3]._asdict())
     name = Path(scene).stem + ("" if camera == "orbit" else f", view {camera}")
-    return Compared(name, scene, scene in TRAINED, *found, found[0].record)
+    gathered = trace_request(args, V3, cache=SUPER_CACHE)
+    return Compared(name, scene, scene in TRAINED, *found, gathered, found[0].record)
 
 
 def _key(args: argparse.Namespace, config: AcceleratorConfig) -> str:

@@ -13,7 +13,7 @@ from msv2.studies.performance.gpu import gpu_frame
 from perf.gscore import GscoreConfig, gscore_cycles
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.trace import FrameTrace
-from spec.config import PAPER, AcceleratorConfig
+from spec.config import PAPER, PAPER_BASE, AcceleratorConfig
 from spec.memory import DRAM_BYTES_PER_CYCLE
 
 CLOCK_HZ = 1e9
@@ -29,18 +29,27 @@ PEAK = {LPDDR3: DRAM_BYTES_PER_CYCLE, IDEAL: DRAM_BYTES_PER_CYCLE, UNLIMITED: No
 
 @dataclass(frozen=True)
 class Machine:
-    """A variant of our machine: whether tiles are merged, and whether stages hand over incrementally or through double
-    buffers."""
+    """A variant of our machine: whether tiles are merged, whether stages hand over incrementally or through double buffers, and
+    whether these swap together (`spec.config.PAPER_BASE`)."""
 
     name: str
     merge: bool
     pipeline: bool
+    lockstep: bool = False
+
+    @property
+    def config(self) -> AcceleratorConfig:
+        """Its configuration."""
+        return PAPER_BASE if self.lockstep else PAPER.with_(incremental=self.pipeline)
 
 
 MACHINES = (
     Machine("base", False, False), Machine("merging", True, False), Machine("pipelining", False, True),
     Machine("merging+pipelining", True, True))
 BASE, BOTH = MACHINES[0], MACHINES[-1]
+LOCKSTEP = Machine(PAPER_BASE.name, False, False, lockstep=True)
+"""Our reading of the paper's baseline."""
+
 TWO_BASE, TWO_BOTH, WARPING = "base, two eyes", "merging+pipelining, two eyes", "merging+pipelining+warping"
 GSCORE, GPU = "GSCore-like", "mobile GPU (modelled)"
 GEOMETRY_READS, GEOMETRY_WRITES = ("geometry", "colour"), ("entries", "views")
@@ -81,7 +90,8 @@ class Run:
 
 
 @cache
-def _table() -> Table:
+def energies() -> Table:
+    """The measured energies of operations."""
     return load_table()
 
 
@@ -112,7 +122,7 @@ def run_ours(
     traces, peak = tuple(traces), bandwidth or PEAK[memory]
     model = MemoryModel(**memory_arguments(memory) | ({"bytes_per_cycle": bandwidth} if bandwidth else {}))
     frames = [simulate(trace, config, memory=model, merge=merge, beta=beta, display=True) for trace in traces]
-    energy = [frame_energy(model_counts(trace, frame), frame.total, config, _table(), clock_hz=CLOCK_HZ)
+    energy = [frame_energy(model_counts(trace, frame), frame.total, config, energies(), clock_hz=CLOCK_HZ)
               for trace, frame in zip(traces, frames, strict=True)]
     cycles, render = sum(f.total for f in frames), sum(f.phases["render"] for f in frames)
     return Run(
@@ -153,13 +163,15 @@ def run_gpu(frame: Compared, memory: str, ops: int) -> Run:
 
 
 def run_all(frame: Compared) -> tuple[list[Run], FrameCycles]:
-    """A frame on all machines with each memory, and its cycles on the full machine with LPDDR3."""
+    """A frame on all machines with lists by tile, on GSCore and on the GPU with each memory, and its cycles on the full machine
+    with LPDDR3."""
     runs, kept = [], None
     for memory in MEMORIES:
-        for m in MACHINES:
-            run, cycles = run_ours(m.name, [frame.frame], PAPER.with_(incremental=m.pipeline), memory, merge=m.merge)
+        for m in (*MACHINES, LOCKSTEP):
+            run, cycles = run_ours(m.name, [frame.frame], m.config, memory, merge=m.merge)
             runs.append(run)
-        kept = kept or cycles[0]
+            if m is BOTH:
+                kept = kept or cycles[0]
         eyes = (frame.frame, frame.other)
         runs.append(run_ours(TWO_BASE, eyes, PAPER.with_(incremental=False), memory, merge=False)[0])
         runs.append(run_ours(TWO_BOTH, eyes, PAPER, memory, merge=True)[0])

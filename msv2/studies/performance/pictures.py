@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from msv2.studies.memory import ALL_NAMES, IDEAL, LPDDR3, UNLIMITED
-from msv2.studies.performance.machines import BOTH, GPU, GSCORE, MACHINES, MEMORIES, WARPING
+from msv2.studies.performance.machines import BOTH, GPU, GSCORE, LOCKSTEP, MACHINES, MEMORIES, WARPING
+from msv2.studies.performance.supertiles import SUPER
 from msv2.studies.picture import find_pyplot, save_figure
 from perf.model import FrameCycles
 from spec.stages import StagePhase, watched
@@ -22,7 +23,7 @@ SHORT = {LPDDR3: "LPDDR3", UNLIMITED: "unlimited"}
 STYLES = {LPDDR3: "-", IDEAL: ":", UNLIMITED: "--"}
 """The lines of the memories."""
 
-SHOWN = (*(m.name for m in MACHINES), WARPING, GSCORE, GPU)
+SHOWN = (*(m.name for m in MACHINES), LOCKSTEP.name, SUPER, WARPING, GSCORE, GPU)
 
 
 def draw(content: Mapping, timelines: Mapping[str, FrameCycles], folder: Path) -> list[str]:
@@ -97,7 +98,7 @@ def _bars(pyplot, content: Mapping):
     figure, axes = pyplot.subplots(2, 2, figsize=(11, 7.5), squeeze=False, layout="constrained")
     for column, memory in enumerate((LPDDR3, UNLIMITED)):
         for axis, key, shown, label in ((axes[0, column], "speedup", SHOWN, "speed over base"),
-                                        (axes[1, column], "energy_ratio", SHOWN[: len(MACHINES) + 1],
+                                        (axes[1, column], "energy_ratio", SHOWN[:-2],
                                          "energy, base's over it")):
             for i, machine in enumerate(shown):
                 values = [run[key] for frame in content["frames"] for run in frame["runs"]

@@ -28,6 +28,7 @@ from msv2.studies.performance.fullhd import full_hd
 from msv2.studies.performance.machines import BASE, BOTH, CLOCK_HZ, MACHINES, MEMORIES, PEAK, Run, rows, run_all
 from msv2.studies.performance.page import page
 from msv2.studies.performance.pictures import draw
+from msv2.studies.performance.supertiles import SUPER, run_super
 from msv2.studies.performance.sweeps import at_equal_area, bandwidth_rows, iso_area, sweeps
 from msv2.studies.performance.tiles import tile_granular
 from msv2.studies.progress import Progress
@@ -35,7 +36,7 @@ from msv2.studies.record import command, commit, write_report
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.perfetto import trace_events
 from spec.command_line import command_parser
-from spec.config import PAPER
+from spec.config import PAPER, PAPER_BASE, V3
 from spec.extras import how_to_get
 from spec.paths import REPORTS, ROOT
 
@@ -96,23 +97,26 @@ def frame_rows(frame: Compared, runs: list[Run]) -> dict[str, object]:
 def timelines(frame: Compared) -> dict[str, FrameCycles]:
     """A frame's cycles on the base machine, with merging, and on the full machine, with LPDDR3."""
     shown, memory = [m for m in MACHINES if m.merge or m is BASE], MemoryModel(**memory_arguments(MEMORIES[0]))
-    return {m.name: simulate(frame.frame, PAPER.with_(incremental=m.pipeline), memory=memory, merge=m.merge, display=True)
-            for m in shown}
+    return {m.name: simulate(frame.frame, m.config, memory=memory, merge=m.merge, display=True) for m in shown}
 
 
 def measure(scenes: Sequence[str], size: str, hd: bool, folder: Path) -> tuple[dict[str, object], dict[str, FrameCycles]]:
     """The report's numbers, and the timelines for the picture of the handover."""
     here, missing = scenes_here()
-    found, areas, swept, equal = [], area.load_area(), [], []
+    found, areas, swept = [], area.load_area(), []
+    known: dict[str, float] = area.known_mm2(areas)
+    equal: dict[str, list[dict[str, object]]] = {"equal_area": [], "equal_area_supertiles": []}
     todo = list(default_frames(list(scenes) or here))
     progress = Progress(f"performance_{size}", steps_of(todo, scenes, hd))
     for scene, camera in todo:
         with progress.step(f"{scene}, {camera}: traces"):
             frame = compared(scene, size, camera)
         with progress.step(f"{scene}, {camera}: machines"):
-            runs, _ = run_all(frame)
+            runs = [*run_all(frame)[0],
+                    *(run_super(frame, memory, whole=whole) for memory in MEMORIES for whole in (True, False))]
         found.append(frame_rows(frame, runs))
-        equal += at_equal_area(frame, [r for r in runs if r.machine == BOTH.name], areas)
+        for key, name, config in (("equal_area", BOTH.name, PAPER), ("equal_area_supertiles", SUPER, V3)):
+            equal[key] += at_equal_area(frame, [r for r in runs if r.machine == name], known.get(config.name))
         if is_swept(scene, camera, scenes):
             swept.append(frame)
         print(f"{frame.name}: {', '.join(f'{r.machine} {r.cycles:,.0f}' for r in runs[:len(MACHINES)])} cycles", flush=True)
@@ -134,9 +138,10 @@ def measure(scenes: Sequence[str], size: str, hd: bool, folder: Path) -> tuple[d
     return {
         "size": size, "levels": LEVELS, "config": PAPER.name, "clock_hz": CLOCK_HZ, "missing": [] if scenes else missing,
         "trained": sorted({f["scene"] for f in found if f["trained"]}), "model_error": model_error(),
-        "frames": found, "means": means, "beside_paper": summary.beside_paper(found, means, equal),
-        "goals": summary.goals(found, means, equal), "equal_area": equal,
-        **over, "area_source": build and f"build `{build[0]}` of reports/area.json, commit {build[1].get('commit')}",
+        "frames": found, "means": means, "beside_paper": summary.beside_paper(found, means, **equal),
+        "goals": summary.goals(found, means, **equal), **equal,
+        **over,
+        "area_source": build and f"reports/area.json, `{PAPER.name}`: build `{build[0]}` of commit {build[1].get('commit')}",
         "timeline": {"frame": swept[0].name, "memory": MEMORIES[0], "folder": str(folder.relative_to(ROOT)),
                      "machines": [{"machine": name, "groups": f.groups, "render": f.phases["render"]}
                                   for name, f in shown.items()]},
@@ -159,7 +164,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     content = {"commit": commit(), "command": command(__name__), **content}
     inputs = [REPORTS / f"{name}.json" for name in ("area", "energy_per_operation", "model")]
     scenes = [scene_file(scene) for scene in (args.scene or scenes_here()[0]) if scene != EMBEDDED]
-    write_report(out / "performance.json", content, [__name__], {"arguments": args, "machine": PAPER},
+    machines = {config.name: config for config in (PAPER, PAPER_BASE, V3)}
+    write_report(out / "performance.json", content, [__name__], {"arguments": args, "machines": machines},
                  [*inputs, *filter(None, scenes)])
     pictures = draw(content, shown, out)
     write_page(out / "performance.md", page(content, pictures))

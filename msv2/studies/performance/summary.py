@@ -6,7 +6,20 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from msv2.studies.memory import ALL_NAMES, IDEAL, LPDDR3, UNLIMITED
-from msv2.studies.performance.machines import BASE, BOTH, GPU, GSCORE, MACHINES, MEMORIES, TWO_BASE, TWO_BOTH, WARPING
+from msv2.studies.performance.machines import (
+    BASE,
+    BOTH,
+    GPU,
+    GSCORE,
+    LOCKSTEP,
+    MACHINES,
+    MEMORIES,
+    TWO_BASE,
+    TWO_BOTH,
+    WARPING,
+)
+from msv2.studies.performance.supertiles import SUPER, SUPER_BASE
+from msv2.studies.performance.tiles import NEVER
 
 PAPER = {
     "speedup": 20.9 / 18.5, "energy": 56.8 / 54.4, "speedup_warping": 30.9 / 18.5, "energy_warping": 81.6 / 54.4,
@@ -39,9 +52,10 @@ def _found(frames: Sequence[Mapping], machine: str, memory: str) -> list[Mapping
 
 def means(frames: Sequence[Mapping]) -> list[dict[str, object]]:
     """Geometric means over the frames, for every machine and memory, relative to the base machine with as many eyes."""
+    names = (*(m.name for m in MACHINES), LOCKSTEP.name, SUPER, SUPER_BASE, TWO_BASE, TWO_BOTH, WARPING, GSCORE, GPU)
     out = []
     for memory in MEMORIES:
-        for machine in (*(m.name for m in MACHINES), TWO_BASE, TWO_BOTH, WARPING, GSCORE, GPU):
+        for machine in names:
             runs = _found(frames, machine, memory)
             row = {"machine": machine, "memory": memory, "frames": len(runs)}
             for key in ("speedup", "speedup_render", "energy_ratio", "energy_ratio_chip", "frames_per_s"):
@@ -57,64 +71,105 @@ def mean_of(rows: Sequence[Mapping], machine: str, memory: str) -> Mapping:
     return next(row for row in rows if row["machine"] == machine and row["memory"] == memory)
 
 
-def beside_paper(frames: Sequence[Mapping], rows: Sequence[Mapping], equal: Sequence[Mapping]) -> list[dict[str, object]]:
+def readings(frames: Sequence[Mapping]) -> dict[str, float]:
+    """Geometric means over the frames of `tiles.tile_granular`'s cycles over those of what never waits."""
+    names = [name for name in frames[0]["tile_granular"] if name != NEVER]
+    return {name: geomean(frame["tile_granular"][name] / frame["tile_granular"][NEVER] for frame in frames) for name in names}
+
+
+def beside_paper(
+    frames: Sequence[Mapping], rows: Sequence[Mapping], equal_area: Sequence[Mapping], equal_area_supertiles: Sequence[Mapping],
+) -> list[dict[str, object]]:
     """The paper's numbers, ours with each memory, and the reasons for the differences."""
-    both, warping, gpu, base, eyes = ({memory: mean_of(rows, name, memory) for memory in MEMORIES}
-                                      for name in (BOTH.name, WARPING, GPU, BASE.name, TWO_BOTH))
-
-    def each(of: Mapping[str, Mapping], key: str) -> dict[str, float]:
-        return {memory: row[key] for memory, row in of.items()}
-
-    share = 1 - sum(r["render"] / r["cycles"] for r in _found(frames, BOTH.name, UNLIMITED)) / len(frames)
-    bound = {name: sum(frame["memory_share"][name] for frame in frames) / len(frames) for name in (LPDDR3, IDEAL)}
-    waits = geomean(frame["tile_granular"]["waiting"] / frame["tile_granular"]["never_waiting"] for frame in frames)
-    limited = (f"LPDDR3 moves {100 * bound[LPDDR3]:.0f} % of what its wires could, the ideal memory "
-               f"{100 * bound[IDEAL]:.0f} %. With buffers of one tile between sorting and array, as the paper draws its base, "
-               f"a base would take {waits:.2f} of what never waits; in ours, the 64 KB before and in the sorter hold many "
-               "tiles at a time")
-    again = sum(frame["target_rendered"] for frame in frames) / len(frames)
-    alone = {memory: warping[memory]["speedup"] / eyes[memory]["speedup"] for memory in MEMORIES}
-    found = [
-        ("rendering: merging + pipelining over base", PAPER["speedup"], each(both, "speedup_render"),
-         f"our base keeps its array busy {100 * base[LPDDR3]['array']:.0f} % of the rendering phase with LPDDR3 "
-         f"({100 * base[UNLIMITED]['array']:.0f} % with unlimited memory); {limited}"),
-        ("frame: the same", PAPER["speedup"], each(both, "speedup"),
-         f"geometry is {100 * share:.0f} % of a frame with unlimited memory, a phase before the rendering that neither "
-         "changes"),
-        ("chip and memory's energy: the same", PAPER["energy"], each(both, "energy_ratio"),
-         "operations are the same; clock, leakage and standby go with time. The paper's base has larger buffers, ours is given "
-         "the same memories"),
-        ("two eyes: with warping, over base with both rendered", PAPER["speedup_warping"], each(warping, "speedup"),
-         f"of it warping alone {alone[LPDDR3]:.2f} ({alone[UNLIMITED]:.2f} with unlimited memory): geometry of the second "
-         f"eye is not spared, and {100 * again:.0f} % of its tiles are rendered (in the fovea, or for their holes). "
-         "The paper's has the gain of its opacity enhancement in it"),
-        ("energy: the same", PAPER["energy_warping"], each(warping, "energy_ratio"), "the same"),
-        ("base over the mobile GPU", PAPER["gpu_base"], {memory: 1 / row["speedup"] for memory, row in gpu.items()},
-         "the paper measured a GPU; ours is its roofline, which no GPU reaches: not like for like"),
-    ]
-    if equal:
-        mean, large, bound = ({memory: geomean(e[key] for e in equal if e["memory"] == memory) for memory in MEMORIES}
-                              for key in ("speedup", "speedup_over_large", "speedup_bound"))
-        mm2 = equal[0]["mm2_16nm"]
-        found.append((f"merging + pipelining over GSCore-like at equal area ({mm2:.2f} mm²)", PAPER["over_gscore"], mean,
-                      f"{SAME_RATE} ({bound[LPDDR3]:.2f} if it got all that the wires can move). The paper's is at 6 mm², on "
-                      "one scene; ours is smaller for as many cores, and its lists are shorter (exact test)"))
-        what = f"ours of {mm2:.2f} mm² over GSCore-like of {equal[0]['large_mm2_16nm']:g} mm²"
-        found.append((what, PAPER["over_gscore"], large,
-                      f"{SAME_RATE}. There ours is as large as the other; here it is as it is, because larger ones are not "
-                      "modelled"))
+    found = [*_overlap(frames, rows), *_two_eyes(frames, rows)]
+    gpu = _each(rows, GPU, "speedup")
+    found.append(("base over the mobile GPU", PAPER["gpu_base"], {memory: 1 / speedup for memory, speedup in gpu.items()},
+                  "the paper measured a GPU; ours is its roofline, which no GPU reaches: not like for like"))
+    if equal_area:
+        found += _equal(equal_area, "merging + pipelining", "ours")
+    if equal_area_supertiles:
+        found += _equal(equal_area_supertiles, f"`{SUPER}`", f"`{SUPER}`")
     return [{"what": what, "paper": paper, "ours": ours, "why": why} for what, paper, ours, why in found]
 
 
-def goals(frames: Sequence[Mapping], rows: Sequence[Mapping], equal: Sequence[Mapping]) -> list[dict[str, object]]:
+Beside = tuple[str, float, dict[str, float], str]
+"""What is compared, the paper's number, ours by memory, and why they differ."""
+
+
+def _each(rows: Sequence[Mapping], machine: str, key: str) -> dict[str, float]:
+    return {memory: mean_of(rows, machine, memory)[key] for memory in MEMORIES}
+
+
+def _overlap(frames: Sequence[Mapping], rows: Sequence[Mapping]) -> list[Beside]:
+    """Merging and pipelining, over our base and over the paper's base as we read it."""
+    base, lockstep = ({memory: mean_of(rows, m.name, memory) for memory in MEMORIES} for m in (BASE, LOCKSTEP))
+    share = 1 - sum(r["render"] / r["cycles"] for r in _found(frames, BOTH.name, UNLIMITED)) / len(frames)
+    bound = {name: sum(frame["memory_share"][name] for frame in frames) / len(frames) for name in (LPDDR3, IDEAL)}
+    alone = readings(frames)
+    over = {key: {memory: value / lockstep[memory][key] for memory, value in _each(rows, BOTH.name, key).items()}
+            for key in ("speedup_render", "speedup")}
+    return [
+        ("rendering: merging + pipelining over base", PAPER["speedup"], _each(rows, BOTH.name, "speedup_render"),
+         f"our base keeps its array busy {100 * base[LPDDR3]['array']:.0f} % of the rendering phase with LPDDR3 "
+         f"({100 * base[UNLIMITED]['array']:.0f} % with unlimited memory); LPDDR3 moves {100 * bound[LPDDR3]:.0f} % of what "
+         f"its wires could, the ideal memory {100 * bound[IDEAL]:.0f} %. The 64 KB before and in its sorter hold many tiles "
+         "at a time"),
+        ("frame: the same", PAPER["speedup"], _each(rows, BOTH.name, "speedup"),
+         f"geometry is {100 * share:.0f} % of a frame with unlimited memory, a phase before the rendering that neither "
+         "changes"),
+        ("chip and memory's energy: the same", PAPER["energy"], _each(rows, BOTH.name, "energy_ratio"),
+         "operations are the same; clock, leakage and standby go with time. The paper's base has larger buffers, ours is given "
+         "the same memories"),
+        (f"rendering: merging + pipelining over `{LOCKSTEP.name}`", PAPER["speedup"], over["speedup_render"],
+         "double buffers with one tile in each half before and behind the sorter, swapped when all are done: our reading, "
+         "because the paper gives neither the sorter's rate nor the rule of the swap. By sorter and array alone, where a "
+         f"tile leaves both while the next one enters, tiles of different sizes cost {alone['waiting']:.2f}; "
+         f"{alone['rows']:.2f} where a tile's rows of pixels leave before the swap; and {alone['drained']:.2f} where it also "
+         "leaves our sorter before it, which takes twice as long as it entered. That, and all latencies, is what "
+         f"`{LOCKSTEP.name}` waits for. The paper's 1.13 lies between the first two"),
+        (f"frame: merging + pipelining over `{LOCKSTEP.name}`", PAPER["speedup"], over["speedup"],
+         "the geometry phase is the same on both"),
+    ]
+
+
+def _two_eyes(frames: Sequence[Mapping], rows: Sequence[Mapping]) -> list[Beside]:
+    """The warped second eye."""
+    again = sum(frame["target_rendered"] for frame in frames) / len(frames)
+    warping, eyes = _each(rows, WARPING, "speedup"), _each(rows, TWO_BOTH, "speedup")
+    alone = {memory: warping[memory] / eyes[memory] for memory in MEMORIES}
+    return [
+        ("two eyes: with warping, over base with both rendered", PAPER["speedup_warping"], warping,
+         f"of it warping alone {alone[LPDDR3]:.2f} ({alone[UNLIMITED]:.2f} with unlimited memory): geometry of the second "
+         f"eye is not spared, and {100 * again:.0f} % of its tiles are rendered (in the fovea, or for their holes). "
+         "The paper's has the gain of its opacity enhancement in it"),
+        ("energy: the same", PAPER["energy_warping"], _each(rows, WARPING, "energy_ratio"), "the same")]
+
+
+def _equal(equal: Sequence[Mapping], machine: str, ours: str) -> list[Beside]:
+    """One of our machines over GSCore-like at equal area, and over a large one."""
+    mean, large, bound = ({memory: geomean(e[key] for e in equal if e["memory"] == memory) for memory in MEMORIES}
+                          for key in ("speedup", "speedup_over_large", "speedup_bound"))
+    mm2 = equal[0]["mm2_16nm"]
+    return [
+        (f"{machine} over GSCore-like at equal area ({mm2:.2f} mm²)", PAPER["over_gscore"], mean,
+         f"{SAME_RATE} ({bound[LPDDR3]:.2f} if it got all that the wires can move). The paper's is at 6 mm², on "
+         "one scene; ours is smaller for as many cores, and its lists are shorter (exact test)"),
+        (f"{ours} of {mm2:.2f} mm² over GSCore-like of {equal[0]['large_mm2_16nm']:g} mm²", PAPER["over_gscore"], large,
+         f"{SAME_RATE}. There ours is as large as the other; here it is as it is, because larger ones are not modelled")]
+
+
+def goals(
+    frames: Sequence[Mapping], rows: Sequence[Mapping], equal_area: Sequence[Mapping], equal_area_supertiles: Sequence[Mapping],
+) -> list[dict[str, object]]:
     """The goals, and whether they are reached."""
     out = []
     for memory, where in ALL_NAMES.items():
         mean = mean_of(rows, BOTH.name, memory)["speedup_render"]
         out.append({"goal": f"merging + pipelining over base in rendering, {where}", "wanted": 1.13, "found": mean,
                     "frames": len(frames)})
-        for key, what in (("speedup", "frame"), ("speedup_render", "rendering phase")) if equal else ():
-            mean = geomean(e[key] for e in equal if e["memory"] == memory)
-            out.append({"goal": f"over GSCore-like at equal area, {what}, {where}", "wanted": OVER_GSCORE_GOAL,
-                        "found": mean, "frames": len(frames)})
+        for of, equal in (("", equal_area), (f"`{SUPER}` ", equal_area_supertiles)):
+            for key, what in (("speedup", "frame"), ("speedup_render", "rendering phase")) if equal else ():
+                mean = geomean(e[key] for e in equal if e["memory"] == memory)
+                out.append({"goal": f"{of}over GSCore-like at equal area, {what}, {where}", "wanted": OVER_GSCORE_GOAL,
+                            "found": mean, "frames": len(frames)})
     return [goal | {"reached": goal["found"] >= goal["wanted"]} for goal in out]

@@ -81,8 +81,7 @@ def bandwidth_rows(frame: Compared) -> list[dict[str, object]]:
         memory = LPDDR3 if bandwidth == LPDDR3 else IDEAL if bandwidth else UNLIMITED
         given = bandwidth if memory == IDEAL else None
         for m in (BASE, BOTH):
-            config = PAPER.with_(incremental=m.pipeline)
-            run = run_ours(m.name, [frame.frame], config, memory, merge=m.merge, bandwidth=given)[0]
+            run = run_ours(m.name, [frame.frame], m.config, memory, merge=m.merge, bandwidth=given)[0]
             out.append(_row(frame, m.name, run.bytes_per_cycle, run))
         other = run_gscore(frame, memory, rate=given or rate_for_gscore(run))
         out.append(_row(frame, GSCORE, run.bytes_per_cycle, other))
@@ -109,15 +108,16 @@ def iso_area(frame: Compared, area: Mapping[str, object] | None) -> list[dict[st
     return out
 
 
-def at_equal_area(frame: Compared, ours: Iterable[Run], area: Mapping[str, object] | None) -> list[dict[str, object]]:
-    """Our full machine against GSCore scaled to the same area, and to the paper's 6 mm²: speedups of frame and rendering phase.
+def at_equal_area(frame: Compared, ours: Iterable[Run], mm2: float | None) -> list[dict[str, object]]:
+    """One of our machines against GSCore scaled to the same area, and to the paper's 6 mm²: speedups of frame and rendering
+    phase. Empty where its area is not known.
 
     With LPDDR3, GSCore gets the bytes in a cycle that ours gets (`run_gscore`). `speedup_bound` is the speedup if it got all
     bytes that the memory's wires can move; with the other memories both are the same.
     """
-    if area is None:
+    if mm2 is None:
         return []
-    mm2, out = machine_mm2(area, PAPER), []
+    out = []
     for run in ours:
         def cycles(square_mm: float, rate: float | None, of: Run = run) -> GscoreCycles:
             config = GscoreConfig(bytes_per_cycle=rate or PEAK[of.memory] or UNLIMITED_BYTES)

@@ -47,7 +47,7 @@ def super_row(subject: Subject, memory: str, trace: SuperTrace, table: Table) ->
     """The numbers of a frame with a memory, as `msv2.studies.v3.frames.frame_row` gives them, and those of super-tiles."""
     frame = simulate_supertiles(trace, V3, memory=MemoryModel(**memory_arguments(memory)), display=True)
     energy = frame_energy(
-        super_counts(trace, frame), frame.total, V3, super_table(table, trace), clock_hz=CLOCK_HZ)
+        super_counts(trace, frame), frame.total, V3, super_table(table), clock_hz=CLOCK_HZ)
     return {
         "frame": subject.name, "scene": subject.scene, "size": subject.size, "machine": V3.name, "memory": memory,
         "cycles": frame.total, "phases": frame.phases, "bytes": moved(frame), "total_bytes": total_bytes(frame),

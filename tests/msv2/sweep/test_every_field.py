@@ -151,7 +151,7 @@ def seen(config: AcceleratorConfig) -> Seen:
     if config.supertiles:
         trace = super_trace(frame)
         cycles = simulate_supertiles(trace, config, memory=memory, display=True)
-        counts, table, tests = super_counts(trace, cycles, config), super_table(table, trace, config), trace.pairs
+        counts, table, tests = super_counts(trace, cycles, config), super_table(table, config), trace.pairs
     else:
         trace = trace_of(frame)
         cycles = simulate(trace, config, memory=memory, display=True)

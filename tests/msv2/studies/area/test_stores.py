@@ -30,7 +30,7 @@ LIKE = {
 
 SUPERTILE_UNITS = {
     "record_fetch": "record_fetch", "batch_buffer": "batch_buffer", "depth_buckets": "depth_buckets",
-    "pair_writer": "entry_writer", "supertile_reader": "supertile_reader", "list_reader": "list_reader",
+    "pair_writer": "pair_writer", "supertile_reader": "supertile_reader", "list_reader": "list_reader",
     "tile_merge_unit": "tile_merge_unit", "hierarchical_sorter": "hierarchical_sorter"}
 """The same of machines with super-tiles."""
 

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from golden.msv2_ref import pipeline
 from golden.msv2_ref.eyes import render_stereo
 from golden.scenes.stereo import stereo_pair
 from msv2.studies.labels import overlapping
-from msv2.studies.performance import area, frames, gpu, machines, page, pictures, study, summary, sweeps, tiles
+from msv2.studies.performance import area, frames, gpu, machines, page, pictures, study, summary, supertiles, sweeps, tiles
 from msv2.studies.report import overview
 from msv2.studies.report.study import main as whole_report
 from msv2.studies.report.study import summary as together
@@ -18,8 +19,9 @@ from msv2.studies.scenes import MODELS, TRAINED_HERE
 from msv2.studies.web import maker, markdown
 from msv2.studies.web.check import problems
 from perf.gscore import gscore_trace
+from perf.supertiles_trace import super_trace
 from perf.trace import trace_of
-from spec.config import PAPER
+from spec.config import PAPER, V3
 from spec.errors import InputError
 from tests.helpers.golden_samples import map_for, random_model, view
 
@@ -33,14 +35,16 @@ def frame():
     whole = render_stereo(model, pair, threshold_deg=180.0, **both)
     warped = render_stereo(model, pair, source=whole.source, threshold_deg=0.0, **both)
     traces = (trace_of(eye) for eye in (whole.source, whole.target, warped))
-    return frames.Compared("random", "random", False, *traces, gscore_trace(whole.source), {"size": [96, 64]})
+    gathered = super_trace(pipeline.render(model, camera, config=V3, foveation=map_for(camera, (0.5, 0.5), 4)))
+    return frames.Compared("random", "random", False, *traces, gscore_trace(whole.source), gathered, {"size": [96, 64]})
 
 
 @pytest.fixture(scope="module")
 def areas():
     names = ("array", "culling and conversion", "lists", "warp")
     groups = {name: {"logic_um2_16nm": 1e5, "memory_um2_16nm": 1e4} for name in names}
-    return {"builds": {"1ghz": {"groups": groups, "commit": "abc", "mm2_16nm": 0.44, "mm2_16nm_without_warp_memories": 0.43}},
+    return {"builds": {V3.name: {"mm2_16nm": 0.6},
+                       "1ghz": {"groups": groups, "commit": "abc", "mm2_16nm": 0.44, "mm2_16nm_without_warp_memories": 0.43}},
             "delay_to_16nm": 2.0, "commit": "abc"}
 
 
@@ -48,14 +52,17 @@ def areas():
 def content(frame, areas):
     """A report's numbers, of one frame."""
     runs, kept = machines.run_all(frame)
+    runs += [supertiles.run_super(frame, memory, whole=whole) for memory in machines.MEMORIES for whole in (True, False)]
     found = [study.frame_rows(frame, runs)]
-    means = summary.means(found)
-    equal = sweeps.at_equal_area(frame, [r for r in runs if r.machine == machines.BOTH.name], areas)
+    means, known = summary.means(found), area.known_mm2(areas)
+    equal = {key: sweeps.at_equal_area(frame, [r for r in runs if r.machine == name], known[config.name])
+             for key, name, config in (("equal_area", machines.BOTH.name, PAPER),
+                                       ("equal_area_supertiles", supertiles.SUPER, V3))}
     return {
         "commit": "abc", "command": "x", "size": "96x64", "levels": 4, "config": "paper", "clock_hz": 1e9, "missing": ["none"],
         "trained": [], "model_error": {"total": 0.01, "mean": 0.01, "frames": 3}, "frames": found, "means": means,
-        "beside_paper": summary.beside_paper(found, means, equal), "goals": summary.goals(found, means, equal),
-        "equal_area": equal, "iso_area": sweeps.iso_area(frame, areas), "area_source": "abc",
+        "beside_paper": summary.beside_paper(found, means, **equal), "goals": summary.goals(found, means, **equal),
+        **equal, "iso_area": sweeps.iso_area(frame, areas), "area_source": "abc",
         "bandwidth": sweeps.bandwidth_rows(frame), "sweeps": sweeps.sweeps(frame), "full_hd": [],
         "scaled_clock": 0.5, "reached_ghz": 0.7,
         "chip_129": summary.CHIP_129, "gpu_published": gpu.PUBLISHED, "gpu_model": "stated",
@@ -69,7 +76,7 @@ def runs_of(content, machine, memory):
 
 def test_every_machine_with_every_memory_over_its_own_base(content):
     names = [(r["machine"], r["memory"]) for r in content["frames"][0]["runs"]]
-    assert len(names) == len(set(names)) == 3 * 9 and machines.MEMORIES == ("lpddr3", "ideal", "unlimited")
+    assert len(names) == len(set(names)) == 3 * 12 and machines.MEMORIES == ("lpddr3", "ideal", "unlimited")
     for memory in machines.MEMORIES:
         base, two = (runs_of(content, name, memory) for name in (machines.BASE.name, machines.TWO_BASE))
         assert base["speedup"] == two["speedup"] == base["energy_ratio"] == 1 and (base["eyes"], two["eyes"]) == (1, 2)
@@ -80,9 +87,12 @@ def test_every_machine_with_every_memory_over_its_own_base(content):
 
 
 def test_ideal_memories_are_bounds(content):
-    for machine in (machines.BASE.name, machines.BOTH.name, machines.WARPING, machines.GSCORE):
+    for machine in (machines.BASE.name, machines.BOTH.name, machines.LOCKSTEP.name, machines.WARPING, machines.GSCORE,
+                    supertiles.SUPER, supertiles.SUPER_BASE):
         real, limited, free = (runs_of(content, machine, memory) for memory in machines.MEMORIES)
-        assert free["cycles"] <= limited["cycles"] < real["cycles"]
+        assert free["cycles"] <= limited["cycles"]
+        if machine not in (supertiles.SUPER, supertiles.SUPER_BASE):  # they wait for latency, of which LPDDR3 has less
+            assert limited["cycles"] < real["cycles"]
         assert free["dram_bytes"] == limited["dram_bytes"] == real["dram_bytes"]
         if machine != machines.GSCORE:
             assert real["dram_mj"] > limited["dram_mj"]
@@ -121,11 +131,13 @@ def test_area_is_that_of_the_groups_without_the_warp_unit(areas):
     assert area.machine_mm2(areas, PAPER) == pytest.approx(3 * 0.11)
     half = area.machine_mm2(areas, PAPER.with_(cores_x=8, culling_units=4))
     assert half == pytest.approx(0.11 + 2 * 0.06)
+    assert area.known_mm2(areas) == {"paper": pytest.approx(3 * 0.11), V3.name: 0.6} and area.known_mm2(None) == {}
     assert area.load_area(area.REPORTS / "nowhere.json") is None and sweeps.iso_area(None, None) == []
 
 
 def test_equal_area_scales_the_other_machine_to_ours(content):
-    for e in content["equal_area"]:
+    assert {e["mm2_16nm"] for e in content["equal_area_supertiles"]} == {0.6} and sweeps.at_equal_area(None, [], None) == []
+    for e in (*content["equal_area"], *content["equal_area_supertiles"]):
         assert e["factor"] * area.GSCORE_MM2_16NM == pytest.approx(e["mm2_16nm"])
         assert e["speedup"] == pytest.approx(e["gscore_cycles"] / e["ours_cycles"])
 
@@ -147,8 +159,11 @@ def test_one_tile_a_buffer_waits_where_tiles_differ(frame):
         return tiles.tile_granular(flat)
 
     even, uneven = cycles([100] * 8), cycles([20, 180] * 4)
-    assert even == {"waiting": 100 + 8 * 101, "never_waiting": 808}
-    assert uneven == {"waiting": 20 + 4 * (180 + 181), "never_waiting": 808}
+    assert even == {"waiting": 100 + 8 * 101, "rows": 100 + 8 * 117, "drained": 100 + 8 * 200 + 117,
+                    "never_waiting": 808}
+    assert uneven == {"waiting": 20 + 4 * (180 + 181), "rows": 20 + 4 * (180 + 197),
+                      "drained": 20 + 180 + 4 * (360 + 197), "never_waiting": 808}
+    assert cycles([4096] * 2)["drained"] == 2 * 4096 + 2 * 4113  # so large a tile leaves the sorter as fast as it has entered
 
 
 def test_means_are_geometric():
@@ -157,7 +172,7 @@ def test_means_are_geometric():
 
 
 def test_goals_say_what_is_missed(content):
-    assert len(content["goals"]) == 9
+    assert len(content["goals"]) == 15
     for goal in content["goals"]:
         assert goal["reached"] == (goal["found"] >= goal["wanted"]) and math.isfinite(goal["found"])
     missed = "| **no** |" in page.page(content, [])
