@@ -30,9 +30,10 @@ _COUNTS = ("touched", "filtered", "entries", "survivors_count")
 
 class SuperTileTest(wiring.Component):
     """Finds the super-tiles that splats have intersections with, and in the second phase the tiles of each pair. `BoxSteps`
-    takes the box of a splat apart into steps of SUPER_Y tile rows, the ellipse test finds the columns that the splat touches in each tile row,
-    and `GroupWalk` reads their levels and applies the foveation filter. Groups of tiles then go to `PairExpand` in the first
-    phase and to `MaskExpand` in the second. The fields of a splat that only these two need wait in a queue beside the rest.
+    takes the box of a splat apart into steps of SUPER_Y tile rows, the ellipse test finds the columns that the splat touches in
+    each row, and `GroupWalk` reads their levels and applies the foveation filter. Groups of tiles then go to `PairExpand` in
+    the first phase and to `MaskExpand` in the second. The fields of a splat that only these two need wait in a queue beside the
+    rest.
 
         splats --> BoxSteps ---> ellipse --> GroupWalk --> PairExpand --> pairs        first phase
                                                  ^     |

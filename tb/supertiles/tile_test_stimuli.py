@@ -199,10 +199,11 @@ def numbered(case: Case) -> Case:
 
 
 def wide_case(config: AcceleratorConfig, rng: np.random.Generator, splats: np.ndarray, name: str) -> SuperCase:
-    """Boxes of one row of the widest frame, all at one level and with all tiles touched: more pairs than groups."""
+    """Boxes of a row or two of the widest frame, all at one level and with all tiles touched: more pairs than groups."""
     splats, width, tiles = splats.copy(), config.row_width, -(-config.row_width // TILE)
     splats["bound"], splats["first_x"], splats["last_x"] = MAX_LEVELS - 1, 0, tiles - 1
-    splats["first_y"] = splats["last_y"] = rng.integers(0, 4, len(splats))
+    splats["first_y"] = rng.integers(0, 4, len(splats))
+    splats["last_y"] = np.minimum(splats["first_y"] + rng.integers(0, 2, len(splats)), 3)
     levels = np.zeros((4 * tiles, 2), np.int64)
     return SuperCase(Case(name, config, width, 4 * TILE, ((splats, levels),), obb=True))
 
