@@ -88,4 +88,5 @@ def machine(config: AcceleratorConfig) -> Machine:
     """The machine of a configuration, emitted as Verilog."""
     kind = ("" if config.incremental else "-baseline") + (f"-stereo{config.warp_lanes}" if config.stereo else "")
     kind += "-supertiles" if config.supertiles else ""
-    return Machine(f"top-{config.cores_x}x{config.cores_y}{kind}", emitted(MODULE, config), ("pixel_core",))
+    core = "batch_core" if config.supertiles else "pixel_core"
+    return Machine(f"top-{config.cores_x}x{config.cores_y}{kind}", emitted(MODULE, config), (core,))
