@@ -15,7 +15,7 @@ from spec.chunks import PLACE_BITS
 from spec.config import AcceleratorConfig
 from spec.constants import SUPER_TILES, SUPER_X, SUPER_Y
 from spec.records import intersection, list_group
-from spec.supertiles import CHUNK_STREAMS, supertile_pair
+from spec.supertiles import CHUNK_RUN, CHUNK_STREAMS, supertile_pair
 
 
 class SuperGrid(NamedTuple):
@@ -92,8 +92,9 @@ def index_words(chunks: np.ndarray) -> np.ndarray:
 
 def chunk_order(chunks: int) -> np.ndarray:
     """(chunks,) int64: the numbers of a model's chunks in the order in which the first phase reads them."""
-    part = -(-chunks // CHUNK_STREAMS)
-    order = (np.arange(part)[:, None] + part * np.arange(CHUNK_STREAMS)).reshape(-1)
+    runs = -(-chunks // (CHUNK_RUN * CHUNK_STREAMS))  # of a part
+    run = (np.arange(runs)[:, None] + runs * np.arange(CHUNK_STREAMS)).reshape(-1)
+    order = (CHUNK_RUN * run[:, None] + np.arange(CHUNK_RUN)).reshape(-1)
     return order[order < chunks]
 
 

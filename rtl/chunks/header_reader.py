@@ -12,11 +12,11 @@ from spec.chunks import chunk_header, header_item
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, BEAT_BYTES
 from spec.records import INDEX_BITS
-from spec.supertiles import CHUNK_STREAMS
+from spec.supertiles import CHUNK_RUN, CHUNK_STREAMS
 
 
 class ChunkWalk(wiring.Component):
-    """Counts through the chunks of a model in CHUNK_STREAMS streams by turns (`spec.supertiles`).
+    """Counts through the chunks of a model, run by run of CHUNK_STREAMS parts by turns (`spec.supertiles`).
 
     Parameters:
         bits: bits of the numbers.
@@ -37,15 +37,27 @@ class ChunkWalk(wiring.Component):
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        first, apart, left = (Signal.like(self.count, name=name) for name in ("first", "apart", "left"))
-        end, following, turns = Signal(len(self.count) + 1), Signal(len(self.count) + 1), Signal()
-        m.d.comb += [self.busy.eq(left.any()), following.eq(self.number + apart), turns.eq(following >= end)]
+        # the run that is walked through, the first part's run of these turns, the distance between parts, and the end of all
+        run, first, apart, end = (Signal(len(self.count) + 1, name=name) for name in ("run", "first", "apart", "end"))
+        place, left = Signal(range(CHUNK_RUN)), Signal.like(self.count)
+        after, following, turns = Signal.like(end), Signal.like(end), Signal()
+        places, parts = CHUNK_RUN.bit_length() - 1, CHUNK_STREAMS.bit_length() - 1
+        runs = (self.count + (CHUNK_RUN * CHUNK_STREAMS - 1)) >> (places + parts)
+        m.d.comb += [
+            self.busy.eq(left.any()), after.eq(run + apart), turns.eq(after >= end),
+            following.eq(Mux(turns, first + CHUNK_RUN, after))]
         with m.If(self.start):
             m.d.sync += [
-                self.number.eq(self.base), first.eq(self.base), left.eq(self.count), end.eq(self.base + self.count),
-                apart.eq((self.count + (CHUNK_STREAMS - 1)) >> (CHUNK_STREAMS.bit_length() - 1))]
+                self.number.eq(self.base), run.eq(self.base), first.eq(self.base), place.eq(0), left.eq(self.count),
+                end.eq(self.base + self.count), apart.eq(runs << places)]
         with m.Elif(self.step):
-            m.d.sync += [self.number.eq(Mux(turns, first + 1, following)), first.eq(first + turns), left.eq(left - 1)]
+            m.d.sync += left.eq(left - 1)
+            with m.If(place.all() | (self.number + 1 == end)):
+                m.d.sync += [self.number.eq(following), run.eq(following), place.eq(0)]
+                with m.If(turns):
+                    m.d.sync += first.eq(following)
+            with m.Else():
+                m.d.sync += [self.number.eq(self.number + 1), place.eq(place + 1)]
         return m
 
 
