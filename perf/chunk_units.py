@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from golden.msv2_ref.supertiles import chunk_order
 from perf import bus, constants, datapath
 from perf.bus import CHUNKS, GEOMETRY
 from perf.datapath import CHUNK_TEST, accepts, enter, fetch, set_path
@@ -37,7 +38,7 @@ _DECODED = constants.DECODE_STAGES - 1
 
 def prepare(
     s: np.record, count: np.ndarray, read: np.ndarray, config: AcceleratorConfig, paths: constants.Culling,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Initialises the units.
 
     Args:
@@ -46,12 +47,15 @@ def prepare(
         config: the machine. paths: its datapaths.
 
     Returns:
-        `chunk_read`, `chunk_first` and `chunk_points` of `step_chunks`.
+        `chunk_at`, `chunk_read`, `chunk_first` and `chunk_points` of `step_chunks`.
     """
     s.chunked, s.chunks, s.halves = config.chunks, len(read), 2 if config.compact else 1
     set_path(s, CHUNK_TEST, paths.chunk_test.length, paths.chunk_test.interval, paths.chunk_test.rows)
-    points, passes = np.append(count, 0).astype(np.int64), np.append(read, True)
-    return passes.astype(np.uint8), (np.cumsum(points) - points)[passes], points[passes]
+    order = chunk_order(len(read)) if config.supertiles else np.arange(len(read))
+    turn, passes = np.append(order, len(read)), np.append(read[order], True)  # the end is the last item
+    points = np.append(count, 0).astype(np.int64)
+    first = np.cumsum(points) - points
+    return order, passes.astype(np.uint8), first[turn][passes], points[turn][passes]
 
 
 @step
@@ -148,16 +152,17 @@ def _test_chunks(s, t, chunk_read):
 
 
 @step
-def step_chunks(s, t, reader, header_base, geometry_base, chunk_read, chunk_first, chunk_points):
+def step_chunks(s, t, reader, header_base, geometry_base, chunk_at, chunk_read, chunk_first, chunk_points):
     """Steps all units before projection, which has taken its input of this cycle. `reader` is the client whose read was
     granted.
 
-    Of the chunks that are read and the frame's end, `chunk_first` are the first indices, and `chunk_points` the numbers of
+    `chunk_at` are the chunks' numbers in the order in which their headers are read. Of the chunks that are read and the
+    frame's end, `chunk_first` are the first indices, and `chunk_points` the numbers of
     Gaussians, 0 at the end. `chunk_read` says of each header, and of the end, whether it passes the test.
     """
     _give_points(s, t, chunk_first, chunk_points)
     _request_chunks(s, t, reader == GEOMETRY, geometry_base, chunk_first, chunk_points)
     _test_chunks(s, t, chunk_read)
     if reader == CHUNKS:
-        bus.read(s, CHUNKS, header_base + s.headers_asked)
+        bus.read(s, CHUNKS, header_base + chunk_at[s.headers_asked])
         s.headers_asked += 1

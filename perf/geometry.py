@@ -187,7 +187,7 @@ def _project(s, t, point_class, passed_class, splat_steps, chunk_points):
 @phase
 def geometry_phase(
     s, point_class, passed_class, splat_steps, step_runs, run_entries, run_closes, views, view_of, colour_of, geometry_base,
-    begins, entry_writes, colour_step, header_base, chunk_read, chunk_first, chunk_points, limit,
+    begins, entry_writes, colour_step, header_base, chunk_at, chunk_read, chunk_first, chunk_points, limit,
 ):
     """Simulates the phase GEOMETRY. Returns its cycles, and the cycle in which the frame's last intersection was in memory."""
     points, t, counted = s.points, 0, -1
@@ -224,7 +224,7 @@ def geometry_phase(
         _walk(s, t, step_runs, splat_steps)
         _project(s, t, point_class, passed_class, splat_steps, chunk_points)
         if s.chunked:
-            chunk_units.step_chunks(s, t, reader, header_base, geometry_base, chunk_read, chunk_first, chunk_points)
+            chunk_units.step_chunks(s, t, reader, header_base, geometry_base, chunk_at, chunk_read, chunk_first, chunk_points)
         elif reader == GEOMETRY:
             bus.read(s, GEOMETRY, geometry_base + asked)
             s.asked = asked + 1

@@ -12,14 +12,20 @@ from perf.datapath import ELLIPSE, PROJECTION, accepts, enter, fetch
 from perf.geometry import CLOSES, ENDS, OUTSIDE, pass_near, take_chunk_point
 from perf.kernel import phase, step
 from perf.layout import Layout
+from spec.queues import LINES_AHEAD
 
 layout = Layout(chunk_units.layout)
 layout.counters("projection", "tile_test", "entry_write")
 layout.words("""
     near_point passed visible_at splat_left walking walked clipped kept kept_room step_full step_left step_at
-    pairs_left bucket_pipe
+    line_in line_out pairs_left bucket_pipe
     writer_first writer_slot writer_pipe writer_linked writer_out writer_buffer writer_sent writer_ended flush_at list_count""")
 
+layout.ring("line_pairs", LINES_AHEAD)
+layout.ring("line_times", LINES_AHEAD)
+
+_LINE = LINES_AHEAD - 1
+_LINE_LATENCY = 2  # cycles from a step's last group until its pairs can be loaded
 _BUCKET_STAGES = 16  # from a pair to its list (rtl.supertiles.depth_buckets)
 _PIPE = 15
 
@@ -64,7 +70,7 @@ def _write_pairs(s, t, granted, pair_writes, entry_writes, flushed):
 
 
 @step
-def _give_pairs(s, step_groups, step_pairs, step_closes, ready):
+def _give_pairs(s, t, step_groups, step_pairs, step_closes, ready):
     """Steps the parts of the tile test behind the ellipse test, and the depth buckets. `ready`: the pair writer takes an item.
     Returns what it gets: 0 for nothing, 1 for a pair, 2 for the end."""
     given, pipe = 0, s.bucket_pipe
@@ -76,6 +82,7 @@ def _give_pairs(s, step_groups, step_pairs, step_closes, ready):
             s.busy_entry_write += 1
         else:
             s.blocked_entry_write += 1
+    room = s.line_in - s.line_out < LINES_AHEAD
     if moves:
         enters = 0
         if s.pairs_left < 0:
@@ -84,6 +91,10 @@ def _give_pairs(s, step_groups, step_pairs, step_closes, ready):
             enters = 1
             s.pairs_left -= 1
         s.bucket_pipe = (pipe << 2 | enters) & (1 << 2 * _BUCKET_STAGES) - 1
+    at = s.line_out
+    if s.pairs_left == 0 and at != s.line_in and s.line_times[at & _LINE] <= t:
+        s.pairs_left = s.line_pairs[at & _LINE]
+        s.line_out = at + 1
     if s.step_full:
         left = s.step_left
         if left > 1:
@@ -93,9 +104,10 @@ def _give_pairs(s, step_groups, step_pairs, step_closes, ready):
             pairs, closes = step_pairs[at], step_closes[at]
             end = closes == ENDS
             none = pairs == 0 and not end
-            if none or s.pairs_left == 0:
+            if none or room:
                 if not none:
-                    s.pairs_left = -1 if end else pairs
+                    s.line_pairs[s.line_in & _LINE], s.line_times[s.line_in & _LINE] = -1 if end else pairs, t + _LINE_LATENCY
+                    s.line_in += 1
                 s.kept -= closes == CLOSES
                 s.step_at = at + 1
                 s.step_full = 0
@@ -143,7 +155,7 @@ def _project(s, t, point_class, passed_class, splat_steps, chunk_points):
 @phase
 def bin_phase(
     s, point_class, passed_class, splat_steps, step_groups, step_pairs, step_closes, pair_writes, entry_writes, flushed,
-    header_base, geometry_base, chunk_read, chunk_first, chunk_points, limit,
+    header_base, geometry_base, chunk_at, chunk_read, chunk_first, chunk_points, limit,
 ):
     """Simulates the phase GEOMETRY. Returns its cycles, and the cycle in which the frame's last pair was in memory."""
     t, counted = 0, -1
@@ -156,13 +168,13 @@ def bin_phase(
             counted = t + 1
             s.writer_ended = 2
         advance = _write_pairs(s, t, writer == W_ENTRIES, pair_writes, entry_writes, flushed)
-        given = _give_pairs(s, step_groups, step_pairs, step_closes, advance)
+        given = _give_pairs(s, t, step_groups, step_pairs, step_closes, advance)
         if advance:
             s.writer_slot, s.writer_first = s.writer_first, given
         fetch(s, ELLIPSE, t)
         _walk(s, t)
         _project(s, t, point_class, passed_class, splat_steps, chunk_points)
-        chunk_units.step_chunks(s, t, reader, header_base, geometry_base, chunk_read, chunk_first, chunk_points)
+        chunk_units.step_chunks(s, t, reader, header_base, geometry_base, chunk_at, chunk_read, chunk_first, chunk_points)
         memory.end_cycle(s, t)
         t += 1
     return -1, counted

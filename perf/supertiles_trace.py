@@ -17,6 +17,7 @@ import numpy as np
 
 from golden.kernels import work_clock
 from golden.msv2_ref import pipeline, projection, tile_test
+from golden.msv2_ref.supertiles import chunk_order
 from golden.scenes.files import atomic_output
 from golden.scenes.request import Request, resolve
 from perf import geometry
@@ -37,18 +38,20 @@ VERSION = 2
 class SuperTrace:
     """The trace of a frame.
 
-    A pair's number is its place in rendering order: by super-tile, depth key and index. A *step* is a row of super-tiles that a
-    splat's box meets: the tile test takes the box of a splat step by step.
+    A pair's number is its place in rendering order: by super-tile, depth key and index. A *step* is SUPER_Y rows of a splat's
+    box, from its first one on: the tile test takes the box of a splat step by step. Gaussians and splats are in the order in
+    which the first phase reads their chunks.
 
     Attributes:
         width, height: the frame's size in pixels.
         points, sh_degree: properties of the model.
         point_class: (read points + 1,) uint8 of the classes in `perf.geometry`, in order; the frame's end counts as VISIBLE.
-        chunk_count: (chunks,) uint8, the Gaussians of each chunk. chunk_read: (chunks,) bool, whether it passes its test.
+        chunk_count: (chunks,) uint8, in their order in memory, the Gaussians of each chunk. chunk_read: (chunks,) bool, whether
+            it passes its test.
         splat_steps: (projected + 1,) int32, the steps of each projected splat, and 1 for the frame's end.
         step_groups: (steps,) uint8, the groups of LEVEL_GROUP columns in which the splat touches tiles of the step, at least 1.
-        step_pairs: (steps,) uint8, the pairs of each step. step_closes: (steps,) uint8, kinds as those of runs in
-            `perf.geometry`.
+        step_pairs: (steps,) uint8, the pairs of each step: they leave with the last row of their super-tile or of the box.
+            step_closes: (steps,) uint8, kinds as those of runs in `perf.geometry`.
         arrival: (pairs,) int32, the numbers of the pairs in the order in which the first phase emits them.
         start: (super-tiles + 1,) int64, first pair of each super-tile.
         key: (pairs,) int64, the depth key. splat: (pairs,) int32, the Gaussian's place in memory. chunk: (pairs,) int32, its
@@ -136,47 +139,54 @@ def super_trace(
     count = chunks["count"].astype(np.uint8)
     read = count > 0
     read[read] = reason[chunks["first"][read]] != projection.UNREAD
-    classes = np.full(len(reason) + 1, geometry.VISIBLE, np.uint8)
-    classes[:-1][reason != projection.VISIBLE] = geometry.NEAR_CULLED
-    classes[:-1][reason == projection.OUTSIDE] = geometry.OUTSIDE
-    arrival = np.lexsort((pairs.supertile, pairs.splat))
-    classes = classes[np.append(reason != projection.UNREAD, True)]
+    turn = _turns(count)
+    order = np.argsort(turn)
+    arrival = np.lexsort((pairs.supertile, turn[pairs.splat]))
+    classes = np.full(len(reason), geometry.VISIBLE, np.uint8)
+    classes[reason != projection.VISIBLE] = geometry.NEAR_CULLED
+    classes[reason == projection.OUTSIDE] = geometry.OUTSIDE
     return SuperTrace(
-        r.width, r.height, len(frame.words.geometry), frame.words.sh_degree, classes, count, read,
-        *_steps(frame, pairs.splat[arrival], pairs.supertile[arrival]), arrival.astype(np.int32), pairs.start,
+        r.width, r.height, len(frame.words.geometry), frame.words.sh_degree,
+        np.append(classes[order][reason[order] != projection.UNREAD], geometry.VISIBLE).astype(np.uint8), count, read,
+        *_steps(frame, order), arrival.astype(np.int32), pairs.start,
         pairs.depth_key.astype(np.int64), pairs.splat.astype(np.int32), (pairs.index >> PLACE_BITS).astype(np.int32),
         np.unpackbits(pairs.levels[:, None], axis=1).sum(1).astype(np.uint8), np.diff(e.start).astype(np.int32),
         r.header[:, 1] != 0, pairs.intersection.astype(np.int32), e.use, stop_entries(frame), len(np.unique(pairs.splat)),
         int(e.filtered), dict(record or {}), seconds + work_clock() - begin)
 
 
-def _steps(
-    frame: pipeline.Frame, splat: np.ndarray, supertile: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _turns(count: np.ndarray) -> np.ndarray:
+    """(N,) int64, the place of each Gaussian in the order in which the first phase would read all of them, from the numbers of
+    Gaussians of the chunks."""
+    order, count = chunk_order(len(count)), count.astype(np.int64)
+    begin = np.empty(len(count), np.int64)
+    begin[order] = np.cumsum(count[order]) - count[order]
+    return np.arange(count.sum()) + np.repeat(begin - (np.cumsum(count) - count), count)
+
+
+def _steps(frame: pipeline.Frame, order: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """`splat_steps`, `step_groups`, `step_pairs` and `step_closes` of a frame's trace, followed by the end of the frame.
 
     Args:
-        frame: the frame. splat, supertile: (pairs,) by splat, then by super-tile.
+        frame: the frame.
+        order: (N,) the Gaussians in the order in which they are read.
     """
-    visible = np.flatnonzero(frame.projected.reason == projection.VISIBLE)
-    box = frame.projected.box[visible].astype(np.int64)
-    first = box[:, 2] // SUPER_Y
-    steps = box[:, 3] // SUPER_Y - first + 1
-    begin = np.cumsum(steps) - steps
-    of = np.full(len(frame.projected.reason), -1, np.int64)  # of each splat, the number of its first step less its super-row
-    of[visible] = begin - first
-    total = int(steps.sum())
-    row = supertile // -(-frame.registers.tiles_x // SUPER_X)
-    step_pairs = np.bincount(of[splat] + row, minlength=total).astype(np.uint8)
-    low, high = np.full(total, frame.registers.tiles_x), np.full(total, -1)
+    pairs, tiles_x = frame.pairs, frame.registers.tiles_x
+    visible = order[frame.projected.reason[order] == projection.VISIBLE]
+    first, last = frame.projected.box[:, 2].astype(np.int64), frame.projected.box[:, 3].astype(np.int64)
+    steps = (last[visible] - first[visible]) // SUPER_Y + 1
+    begin, total = np.full(len(order), -1, np.int64), int(steps.sum())
+    begin[visible] = np.cumsum(steps) - steps
+    ends = np.minimum(pairs.supertile // -(-tiles_x // SUPER_X) * SUPER_Y + SUPER_Y - 1, last[pairs.splat])
+    step_pairs = np.bincount(begin[pairs.splat] + (ends - first[pairs.splat]) // SUPER_Y, minlength=total).astype(np.uint8)
+    low, high = np.full(total, tiles_x), np.full(total, -1)
     touched = _touched(frame)
-    tile = np.repeat(np.arange(len(touched.start) - 1), np.diff(touched.start))
-    step = of[touched.splat] + tile // frame.registers.tiles_x // SUPER_Y
-    group = tile % frame.registers.tiles_x // LEVEL_GROUP
-    np.minimum.at(low, step, group)
-    np.maximum.at(high, step, group)
+    row, column = np.divmod(np.repeat(np.arange(len(touched.start) - 1), np.diff(touched.start)), tiles_x)
+    step = begin[touched.splat] + (row - first[touched.splat]) // SUPER_Y
+    np.minimum.at(low, step, column // LEVEL_GROUP)
+    np.maximum.at(high, step, column // LEVEL_GROUP)
     closes = np.full(total + 1, geometry.NOT_LAST, np.uint8)
-    closes[begin + steps - 1], closes[-1] = geometry.CLOSES, geometry.ENDS
+    closes[begin[visible] + steps - 1], closes[-1] = geometry.CLOSES, geometry.ENDS
     groups = np.maximum(high - low + 1, 1).astype(np.uint8)
     return np.append(steps, 1).astype(np.int32), np.append(groups, 1).astype(np.uint8), np.append(step_pairs, 0), closes
 

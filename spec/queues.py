@@ -61,6 +61,10 @@ TILE_TEST_BESIDE = 10
 """Most splats in the tile test besides those in the ellipse test: four on the way to it, two behind it, as many as the queue
 has cycles of latency, and some to spare."""
 
+LINES_AHEAD = 128
+"""Steps of the tile test by super-tiles whose pairs wait while earlier ones leave one by one, so that splats of many pairs,
+which lie side by side in a model, stop the ellipse test less often."""
+
 LEVEL_GROUP = 16
 """Tiles per word of the tile test's level table: neighbours in a row, of which the first has a column that is a multiple of
 this number."""

@@ -10,6 +10,12 @@ array.
 splat become one pair for every super-tile that has any of them. Super-tiles are numbered row by row; the pairs of a splat come
 in the order of these numbers. What is counted of Gaussians, splats and intersections is counted in this phase alone.
 
+**Order of chunks.** The first phase reads chunks in CHUNK_STREAMS streams by turns, CHUNK_RUN chunks of each: the model's
+chunks are cut into as many parts of CHUNK_RUN ceil(chunks / (CHUNK_RUN CHUNK_STREAMS)), of which the last ones may be shorter
+or empty, and the first runs of all parts are followed by the second ones, and so on. So a long part of the model that the chunk
+test skips, or whose splats have many pairs, keeps a unit busy for a share of the time only, and runs are long enough for the
+pages of DRAM. The order changes no pixel, because pairs are sorted by depth key and index.
+
 **Index.** The `index` of a pair, and of every record on its way here, is chunk << PLACE_BITS | place in the chunk. It orders
 Gaussians as their position in memory does. The header of the chunk, at chunks_base + chunk, has the position of its first one.
 
@@ -67,6 +73,12 @@ from spec.records import (
 
 CHUNK_BITS = INDEX_BITS - PLACE_BITS
 """Bits of a chunk's number."""
+
+CHUNK_STREAMS = 8
+"""Parts of the model whose chunks are read by turns, a power of two."""
+
+CHUNK_RUN = 4
+"""Chunks that are read of a part in its turn, a power of two."""
 
 BUCKET_PAIRS = 1536
 """Pairs between two bounds."""

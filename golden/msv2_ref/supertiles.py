@@ -15,7 +15,7 @@ from spec.chunks import PLACE_BITS
 from spec.config import AcceleratorConfig
 from spec.constants import SUPER_TILES, SUPER_X, SUPER_Y
 from spec.records import intersection, list_group
-from spec.supertiles import supertile_pair
+from spec.supertiles import CHUNK_RUN, CHUNK_STREAMS, supertile_pair
 
 
 class SuperGrid(NamedTuple):
@@ -90,6 +90,14 @@ def index_words(chunks: np.ndarray) -> np.ndarray:
     return np.repeat(np.arange(len(chunks)) << PLACE_BITS, count) | place
 
 
+def chunk_order(chunks: int) -> np.ndarray:
+    """(chunks,) int64: the numbers of a model's chunks in the order in which the first phase reads them."""
+    runs = -(-chunks // (CHUNK_RUN * CHUNK_STREAMS))  # of a part
+    run = (np.arange(runs)[:, None] + runs * np.arange(CHUNK_STREAMS)).reshape(-1)
+    order = (CHUNK_RUN * run[:, None] + np.arange(CHUNK_RUN)).reshape(-1)
+    return order[order < chunks]
+
+
 def find_pairs(
     registers: FrameRegisters, chunks: np.ndarray, depth_key: np.ndarray, entries: Intersections,
 ) -> Pairs:
@@ -146,8 +154,8 @@ def list_groups(config: AcceleratorConfig, pairs: Pairs, bounds: Bounds, beta: i
 
 
 def binned_pairs(config: AcceleratorConfig, pairs: Pairs) -> np.ndarray:
-    """(P + 1,) SuperTilePair records as the tile test emits them: splat by splat in their order in memory, by super-tile; an
-    item with `end` is the last."""
+    """(P + 1,) SuperTilePair records as the tile test emits them if Gaussians come in their order in memory: splat by splat, by
+    super-tile; an item with `end` is the last."""
     order = np.lexsort((pairs.supertile, pairs.splat))
     rows = np.zeros(len(order) + 1, supertile_pair(config).dtype)
     rows["index"][:-1], rows["depth_key"][:-1] = pairs.index[order], pairs.depth_key[order]

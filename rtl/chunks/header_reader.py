@@ -12,10 +12,58 @@ from spec.chunks import chunk_header, header_item
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, BEAT_BYTES
 from spec.records import INDEX_BITS
+from spec.supertiles import CHUNK_RUN, CHUNK_STREAMS
+
+
+class ChunkWalk(wiring.Component):
+    """Counts through the chunks of a model, run by run of CHUNK_STREAMS parts by turns (`spec.supertiles`).
+
+    Parameters:
+        bits: bits of the numbers.
+
+    Ports:
+        start: strobe; `base` and `count` are taken in its cycle.
+        base, count: the first chunk's number, and how many there are; their sum has no more bits.
+        step: strobe; the number is used up. It must not come while `busy` is low.
+        number: the next chunk's number.
+        busy: there is one.
+
+    Throughput: one number a cycle. Latency: one cycle from `start`.
+    """
+
+    def __init__(self, bits: int):
+        super().__init__({
+            "start": In(1), "base": In(bits), "count": In(bits), "step": In(1), "number": Out(bits), "busy": Out(1)})
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        # the run that is walked through, the first part's run of these turns, the distance between parts, and the end of all
+        run, first, apart, end = (Signal(len(self.count) + 1, name=name) for name in ("run", "first", "apart", "end"))
+        place, left = Signal(range(CHUNK_RUN)), Signal.like(self.count)
+        after, following, turns = Signal.like(end), Signal.like(end), Signal()
+        places, parts = CHUNK_RUN.bit_length() - 1, CHUNK_STREAMS.bit_length() - 1
+        runs = (self.count + (CHUNK_RUN * CHUNK_STREAMS - 1)) >> (places + parts)
+        m.d.comb += [
+            self.busy.eq(left.any()), after.eq(run + apart), turns.eq(after >= end),
+            following.eq(Mux(turns, first + CHUNK_RUN, after))]
+        with m.If(self.start):
+            m.d.sync += [
+                self.number.eq(self.base), run.eq(self.base), first.eq(self.base), place.eq(0), left.eq(self.count),
+                end.eq(self.base + self.count), apart.eq(runs << places)]
+        with m.Elif(self.step):
+            m.d.sync += left.eq(left - 1)
+            with m.If(place.all() | (self.number + 1 == end)):
+                m.d.sync += [self.number.eq(following), run.eq(following), place.eq(0)]
+                with m.If(turns):
+                    m.d.sync += first.eq(following)
+            with m.Else():
+                m.d.sync += [self.number.eq(self.number + 1), place.eq(place + 1)]
+        return m
 
 
 class ChunkHeaderReader(wiring.Component):
-    """Reads the header of every chunk of the model, in order, and then emits an item with `end`.
+    """Reads the header of every chunk of the model, and then emits an item with `end`. With super-tiles, chunks come in the
+    order of `spec.supertiles`, in other machines in that of the model.
 
     Parameters:
         config: the machine; the formats matter here. A ChunkHeader must fit a beat.
@@ -24,8 +72,7 @@ class ChunkHeaderReader(wiring.Component):
         start: strobe; it must not come while `busy`. Settings are stable from then on.
         chunks_base, chunks: the beat of the first header, and the number of chunks; 0 gives only the item with `end`.
         reads, data: read port of memory; one beat per chunk.
-        headers: HeaderItem items; the one with `end` is 0 besides. With super-tiles, `number` counts the chunks of the model,
-            lost ones too.
+        headers: HeaderItem items; the one with `end` is 0 besides. With super-tiles, `number` is the chunk's number.
         busy: high from the cycle after `start` until `end` is taken.
         error: memory answered with an error since `start`. Chunks whose header is lost are left out, because a reader must not
             wait for Gaussians that nobody has counted.
@@ -49,12 +96,9 @@ class ChunkHeaderReader(wiring.Component):
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        m.submodules.beats = beats = BeatRun(self.config, INDEX_BITS)
-        wiring.connect(m, beats.reads, wiring.flipped(self.reads))
         record, item, words = chunk_header(self.config), self.headers.payload, self.data.payload
         left, end, moves = Signal(INDEX_BITS), Signal(), Signal()
         m.d.comb += [
-            beats.start.eq(self.start), beats.base.eq(self.chunks_base), beats.count.eq(self.chunks),
             end.eq(left == 0), moves.eq(self.data.valid & self.data.ready),
             Cat(item[f.name] for f in record.fields).eq(
                 Mux(end, 0, words.word.as_value()[: record.width])),  # without a valid beat these words may change
@@ -63,9 +107,17 @@ class ChunkHeaderReader(wiring.Component):
             self.data.ready.eq(self.busy & ~end & (self.headers.ready | words.error)),
         ]
         if self.config.supertiles:
-            number = Signal.like(item.number)
-            m.d.comb += item.number.eq(Mux(end, 0, number))
-            m.d.sync += number.eq(Mux(self.start, 0, number + moves))
+            m.submodules.asked, m.submodules.numbers = asked, numbers = ChunkWalk(BEAT_BITS), ChunkWalk(INDEX_BITS)
+            m.d.comb += [
+                asked.base.eq(self.chunks_base), self.reads.valid.eq(asked.busy), self.reads.payload.beat.eq(asked.number),
+                asked.step.eq(self.reads.valid & self.reads.ready), numbers.step.eq(moves),
+                item.number.eq(Mux(end, 0, numbers.number)),
+                *(signal for walk in (asked, numbers) for signal in (
+                    walk.start.eq(self.start), walk.count.eq(self.chunks)))]
+        else:
+            m.submodules.beats = beats = BeatRun(self.config, INDEX_BITS)
+            wiring.connect(m, beats.reads, wiring.flipped(self.reads))
+            m.d.comb += [beats.start.eq(self.start), beats.base.eq(self.chunks_base), beats.count.eq(self.chunks)]
         with m.If(self.headers.valid & self.headers.ready & end):
             m.d.sync += self.busy.eq(0)
         with m.If(self.start):

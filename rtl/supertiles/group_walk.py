@@ -10,61 +10,62 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.culling.level_table import GROUP_PLACES
-from rtl.supertiles.level_table import axis_bits, group_bits, levels_layout, row_bits
-from rtl.supertiles.super_rows import carried_row
+from rtl.supertiles.box_steps import carried_step
+from rtl.supertiles.level_table import ROW_PLACES, axis_bits, group_bits, levels_layout, row_bits
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS, SUPER_Y
 from spec.queues import LEVEL_GROUP
 
 
-def tested_row(config: AcceleratorConfig) -> data.StructLayout:
-    """A super-row with the result of the ellipse test: for each tile row first and last column, and whether the ellipse meets
-    none of its pixels."""
+def tested_step(config: AcceleratorConfig) -> data.StructLayout:
+    """A step of a box with the result of the ellipse test: for each tile row first and last column, and whether the ellipse
+    meets none of its pixels."""
     columns = data.ArrayLayout(axis_bits(config), SUPER_Y)
-    return data.StructLayout({"first": columns, "last": columns, "none": SUPER_Y, "carried": carried_row(config)})
+    return data.StructLayout({"first": columns, "last": columns, "none": SUPER_Y, "carried": carried_step(config)})
 
 
 def tested_group(config: AcceleratorConfig) -> data.StructLayout:
-    """A group of columns of a super-row: for each tile, by row and column, whether the splat touches it, and whether the filter
-    passes this intersection; and the levels of those that pass. `closes` marks the super-row's last group, `last` the splat's.
-    An item with `end` is no group."""
+    """A group of columns of a step: for each tile, by row and column, whether the splat touches it, and whether the filter
+    passes this intersection; and the levels of those that pass. `row` is the super-row of the first tile row, and `astride`
+    says that the second one lies in the next. `closes` marks the step's last group, `last` the splat's. An item with `end` is
+    no group."""
     tiles = data.ArrayLayout(LEVEL_GROUP, SUPER_Y)
     return data.StructLayout({
-        "row": unsigned(row_bits(config)), "group": unsigned(group_bits(config)), "touched": tiles, "passed": tiles,
-        "levels": MAX_LEVELS, "closes": 1, "last": 1, "end": 1})
+        "row": unsigned(row_bits(config)), "astride": 1, "group": unsigned(group_bits(config)), "touched": tiles,
+        "passed": tiles, "levels": MAX_LEVELS, "closes": 1, "last": 1, "end": 1})
 
 
 class GroupWalk(wiring.Component):
-    """Cuts the columns that a splat touches in a super-row into groups, and reads the levels of their tiles.
+    """Cuts the columns that a splat touches in a step into groups, and reads the levels of their tiles.
 
     Parameters:
         config: the machine, with super-tiles.
 
     Ports:
-        rows: `tested_row` items.
-        groups: `tested_group` items, for each super-row by column, at least one for each.
+        steps: `tested_step` items.
+        groups: `tested_group` items, for each step by column, at least one for each.
         enable, row, group, levels: the read port of `SuperLevelTable`.
         obb: all tiles of a box are touched, whatever the ellipse test found.
 
-    Throughput: one group a cycle, without gaps between super-rows; a super-row in which the splat touches no tile takes a
-    cycle, too. Latency: 4 cycles, one for each stage: the columns, cut to the box; the walk, which addresses the table; the
-    answer of the table; the output register.
+    Throughput: one group a cycle, without gaps between steps; a step in which the splat touches no tile takes a cycle, too.
+    Latency: 4 cycles, one for each stage: the columns, cut to the box; the walk, which addresses the table; the answer of the
+    table; the output register.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
         super().__init__({
-            "rows": In(stream.Signature(tested_row(config))),
+            "steps": In(stream.Signature(tested_step(config))),
             "groups": Out(stream.Signature(tested_group(config))),
             "enable": Out(1),
-            "row": Out(row_bits(config)),
+            "row": Out(axis_bits(config)),
             "group": Out(group_bits(config)),
             "levels": In(levels_layout()),
             "obb": In(1),
         })
         columns = data.ArrayLayout(axis_bits(config), SUPER_Y)
         self._cut_layout = data.StructLayout({
-            "first": columns, "last": columns, "met": SUPER_Y, "row": row_bits(config), "bound": 2, "last_row": 1, "end": 1})
+            "first": columns, "last": columns, "met": SUPER_Y, "row": axis_bits(config), "bound": 2, "last_step": 1, "end": 1})
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
@@ -72,14 +73,14 @@ class GroupWalk(wiring.Component):
         cut_valid, walked_valid, cut_leaves, leaves, free = (
             Signal(name=name) for name in ("cut_valid", "walked_valid", "cut_leaves", "leaves", "free"))
         group, final = Signal(group_bits(self._config), reset_less=True), Signal(group_bits(self._config), reset_less=True)
-        with m.If(self.rows.ready):
-            m.d.sync += cut_valid.eq(self.rows.valid)
-            with m.If(self.rows.valid):
+        with m.If(self.steps.ready):
+            m.d.sync += cut_valid.eq(self.steps.valid)
+            with m.If(self.steps.valid):
                 self._cut(m, cut)
         begin, end = self._groups(cut)
         ends = group == final
         m.d.comb += [
-            self.rows.ready.eq(~cut_valid | cut_leaves),
+            self.steps.ready.eq(~cut_valid | cut_leaves),
             cut_leaves.eq(cut_valid & (~walked_valid | leaves & ends)),
             leaves.eq(walked_valid & free),
             self.enable.eq(leaves), self.row.eq(walked.row), self.group.eq(group),
@@ -93,17 +94,17 @@ class GroupWalk(wiring.Component):
 
     def _cut(self, m: Module, cut: data.View) -> None:
         """The columns of each tile row that lie in the box as well."""
-        row, box = self.rows.payload, self.rows.payload.carried
-        m.d.sync += [cut.row.eq(box.row), cut.bound.eq(box.bound), cut.last_row.eq(box.last), cut.end.eq(box.end)]
+        step, box = self.steps.payload, self.steps.payload.carried
+        m.d.sync += [cut.row.eq(box.row), cut.bound.eq(box.bound), cut.last_step.eq(box.last), cut.end.eq(box.end)]
         for i in range(SUPER_Y):
             first, last = Signal.like(box.first_x, name=f"first_{i}"), Signal.like(box.last_x, name=f"last_{i}")
-            m.d.comb += [first.eq(Mux(~self.obb & (row.first[i] > box.first_x), row.first[i], box.first_x)),
-                         last.eq(Mux(~self.obb & (row.last[i] < box.last_x), row.last[i], box.last_x))]
+            m.d.comb += [first.eq(Mux(~self.obb & (step.first[i] > box.first_x), step.first[i], box.first_x)),
+                         last.eq(Mux(~self.obb & (step.last[i] < box.last_x), step.last[i], box.last_x))]
             m.d.sync += [cut.first[i].eq(first), cut.last[i].eq(last),
-                         cut.met[i].eq(box.inside[i] & ~box.end & (self.obb | ~row.none[i] & (first <= last)))]
+                         cut.met[i].eq(box.inside[i] & ~box.end & (self.obb | ~step.none[i] & (first <= last)))]
 
     def _groups(self, cut: data.View) -> tuple[Value, Value]:
-        """The first and the last group of a super-row; any one group where no tile is touched."""
+        """The first and the last group of a step; any one group where no tile is touched."""
         assert SUPER_Y == 2
         low = [cut.first[i][GROUP_PLACES:] for i in range(SUPER_Y)]
         high = [cut.last[i][GROUP_PLACES:] for i in range(SUPER_Y)]
@@ -115,7 +116,8 @@ class GroupWalk(wiring.Component):
         """The tiles of a group, then their levels, and what passes."""
         out, tiles = self.groups, data.ArrayLayout(LEVEL_GROUP, SUPER_Y)
         read, valid = Signal(data.StructLayout({
-            "row": walked.row.shape(), "group": group.shape(), "touched": tiles, "bound": 2, "closes": 1, "last": 1, "end": 1,
+            "row": out.payload.row.shape(), "astride": 1, "group": group.shape(), "touched": tiles, "bound": 2, "closes": 1,
+            "last": 1, "end": 1,
         }), reset_less=True), Signal()
         moves = Signal()
         m.d.comb += [moves.eq(~out.valid | out.ready), free.eq(~valid | moves)]
@@ -123,8 +125,9 @@ class GroupWalk(wiring.Component):
             m.d.sync += valid.eq(leaves)
         with m.If(leaves):
             m.d.sync += [
-                read.row.eq(walked.row), read.group.eq(group), read.bound.eq(walked.bound), read.closes.eq(ends),
-                read.last.eq(ends & walked.last_row), read.end.eq(walked.end),
+                read.row.eq(walked.row[ROW_PLACES:]), read.astride.eq(walked.row[:ROW_PLACES].any()), read.group.eq(group),
+                read.bound.eq(walked.bound), read.closes.eq(ends), read.last.eq(ends & walked.last_step),
+                read.end.eq(walked.end),
                 *(read.touched[i].eq(_between(walked.first[i], walked.last[i], group) & walked.met[i].replicate(LEVEL_GROUP))
                   for i in range(SUPER_Y))]
         passed = [Cat(read.touched[i][k] & (self.levels[i][k] <= read.bound) for k in range(LEVEL_GROUP))
@@ -135,7 +138,8 @@ class GroupWalk(wiring.Component):
             m.d.sync += out.valid.eq(valid)
         with m.If(moves & valid):
             m.d.sync += [
-                *(out.payload[name].eq(read[name]) for name in ("row", "group", "touched", "closes", "last", "end")),
+                *(out.payload[name].eq(read[name]) for name in (
+                    "row", "astride", "group", "touched", "closes", "last", "end")),
                 *(out.payload.passed[i].eq(passed[i]) for i in range(SUPER_Y)), out.payload.levels.eq(Cat(*levels))]
 
 

@@ -1,8 +1,8 @@
-"""The on-chip table of the levels of a frame's tiles, from which sixteen columns of a super-row are read at a time."""
+"""The on-chip table of the levels of a frame's tiles, from which sixteen columns of two rows are read at a time."""
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, Signal
+from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -49,7 +49,7 @@ class SuperLevelTable(wiring.Component):
         filled: all tiles of the frame have come.
         clear: strobe: the frame is over, and the next frame's items may come.
         tiles_x, tiles_y: columns and rows of tiles of the frame.
-        enable, row, group: reads the columns 16 group, 16 group + 1, ... of both tile rows of super-row `row`.
+        enable, row, group: reads the columns 16 group, 16 group + 1, ... of the tile rows `row` and `row` + 1.
         levels: their levels, a cycle after `enable`; they stay until the next read. Those of tiles beyond the frame are
             undefined.
 
@@ -58,7 +58,8 @@ class SuperLevelTable(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
-        self._rows, self._groups = row_bits(config), group_bits(config)
+        assert SUPER_Y == 2
+        self._rows, self._groups = axis_bits(config), group_bits(config)
         self._depth = -(-config.row_width // (TILE * SUPER_Y)) << self._groups
         super().__init__({
             "table": In(stream.Signature(layout(tile_level(config)))),
@@ -76,6 +77,9 @@ class SuperLevelTable(wiring.Component):
         m = Module()
         row, column, item = Signal(TILE_BITS), Signal(TILE_BITS), self.table.payload
         taken = self.table.valid & self.table.ready
+        odd, rows = Signal(), []  # the first row that was read lies in the second memory
+        with m.If(self.enable):
+            m.d.sync += odd.eq(self.row[0])
         m.d.comb += self.table.ready.eq(~self.filled)
         for parity in range(SUPER_Y):
             words = memory.Memory(shape=data.ArrayLayout(2, LEVEL_GROUP), depth=self._depth, init=[])
@@ -86,9 +90,10 @@ class SuperLevelTable(wiring.Component):
                 write.en.eq((taken & (row[:ROW_PLACES] == parity)) << column[:GROUP_PLACES]),
                 *(level.eq(item.level) for level in write.data),
                 read.en.eq(self.enable),
-                read.addr.eq(Cat(self.group, self.row)),
-                self.levels[parity].eq(read.data),
+                read.addr.eq(Cat(self.group, (self.row + (1 - parity))[ROW_PLACES : self._rows])),
             ]
+            rows.append(read.data)
+        m.d.comb += [self.levels[0].eq(Mux(odd, rows[1], rows[0])), self.levels[1].eq(Mux(odd, rows[0], rows[1]))]
         with m.If(taken):
             m.d.sync += column.eq(column + 1)
             with m.If(column + 1 == self.tiles_x):

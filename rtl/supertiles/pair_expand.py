@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, Mux, Signal, unsigned
+from amaranth.hdl import Cat, Module, Mux, Signal, Value, unsigned
 from amaranth.lib import data, stream, wiring
+from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
 from rtl.shapes import layout
@@ -11,7 +12,7 @@ from rtl.stream import Buffer
 from rtl.supertiles.group_walk import tested_group
 from spec.config import AcceleratorConfig
 from spec.constants import SUPER_X, TILE
-from spec.queues import LEVEL_GROUP
+from spec.queues import LEVEL_GROUP, LINES_AHEAD
 from spec.records import Record, projected_splat
 from spec.supertiles import supertile_index, supertile_pair
 
@@ -33,6 +34,10 @@ class PairExpand(wiring.Component):
     """Collects the super-columns in which a splat has intersections, for one super-row after the other, and emits a pair for
     each of them.
 
+    A step may reach over two super-rows. What it finds in the second one is kept until the splat's next step, which begins
+    there, or leaves with what the last step finds in the first. The lines of super-columns wait in a queue, because splats of
+    many pairs come in bursts, while most steps have one pair or none.
+
     Parameters:
         config: the machine, with super-tiles.
 
@@ -45,14 +50,15 @@ class PairExpand(wiring.Component):
         lives: strobe: the last group of a splat with a pair has been taken.
         busy: groups of a splat or pairs are inside that `pairs` does not offer yet.
 
-    Throughput: one group and one pair a cycle: the pairs of a super-row leave while groups of the next one come. Latency: 2
-    cycles from a super-row's last group to its first pair. The groups g0 to g3 of two super-rows, with two pairs each::
+    Throughput: one group and one pair a cycle, together, while the queue has room for the lines of LINES_AHEAD steps. Latency:
+    4 cycles from a step's last group to its first pair. Storage: the queue. The groups g0 to g3 of two steps of two pairs
+    each::
 
         groups      < g0 >< g1 >< g2 >< g3 >
         closes      _______~~~~~_______~~~~~
-        columns           < g0 >      < g2 >
-        rest                    < 2  >< 1  >< 2  >< 1  >
-        pairs                         < p0 >< p1 >< p2 >< p3 >
+        queue                         < 1  >      < 3  >
+        line                                < 2  >< 1  >< 2  >< 1  >
+        pairs                                     < p0 >< p1 >< p2 >< p3 >
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
@@ -66,53 +72,78 @@ class PairExpand(wiring.Component):
             "busy": Out(1),
         })
         self._base = unsigned(supertile_index(config))
+        self._item = data.StructLayout({
+            "upper": self._columns, "lower": self._columns, "row": self.groups.payload.row.shape(),
+            "splat": self.splats.payload.shape(), "end": 1})
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        held = Signal(data.StructLayout({
-            "splat": self.splats.payload.shape(), "base": self._base, "end": 1}), reset_less=True)
-        rest, there, free = Signal(self._columns), Signal(), Signal()
         m.submodules.leaving = leaving = Buffer(self.pairs.payload.shape())
         wiring.connect(m, leaving.source, wiring.flipped(self.pairs))
-        self._collect(m, held, rest, there, free)
-        lowest, column, out = Signal(self._columns), Signal(range(self._columns)), leaving.sink
+        m.submodules.lines = lines = SyncFIFOBuffered(width=self._item.size, depth=LINES_AHEAD)
+        collecting = self._collect(m, lines)
+        leaves = self._emit(m, lines, leaving.sink)
+        m.d.comb += self.busy.eq(collecting | lines.level.any() | leaves)
+        return m
+
+    def _collect(self, m: Module, lines: SyncFIFOBuffered) -> Value:
+        """Adds groups to the lines of both super-rows that a step may meet, and hands them on with its last group; returns
+        whether there is anything of a splat."""
+        item, queued = self.groups.payload, data.View(self._item, lines.w_data)
+        upper, lower, upper_line, lower_line = (
+            Signal(self._columns, name=name) for name in ("upper", "lower", "upper_line", "lower_line"))
+        found, taken, last, meets, leaves = Signal(), Signal(), Signal(), Signal(), Signal()
+        halves = [[row[half * SUPER_X : (half + 1) * SUPER_X].any() for half in range(_HALVES)] for row in item.passed]
+        for column in range(self._columns):
+            here, (first, second) = item.group == column // _HALVES, (row[column % _HALVES] for row in halves)
+            m.d.comb += [upper_line[column].eq(upper[column] | here & (first | second & ~item.astride)),
+                         lower_line[column].eq(lower[column] | here & second & item.astride)]
         m.d.comb += [
-            lowest.eq(Cat(rest[i] & ~rest[:i].any() for i in range(self._columns))),
+            queued.upper.eq(upper_line), queued.lower.eq(Mux(item.last, lower_line, 0)), queued.row.eq(item.row),
+            queued.splat.eq(self.splats.payload), queued.end.eq(item.end),
+            meets.eq(upper_line.any() | lower_line.any()),
+            leaves.eq(item.end | item.closes & (upper_line.any() | item.last & lower_line.any())),
+            self.groups.ready.eq((item.end | self.splats.valid) & (lines.w_rdy | ~leaves)),
+            taken.eq(self.groups.valid & self.groups.ready), lines.w_en.eq(taken & leaves),
+            last.eq(taken & item.last & ~item.end),
+            self.splats.ready.eq(last),
+            self.lives.eq(last & (found | meets)),
+        ]
+        with m.If(taken):
+            m.d.sync += [upper.eq(upper_line), lower.eq(lower_line), found.eq(~item.last & (found | meets))]
+            with m.If(item.closes):
+                m.d.sync += [upper.eq(Mux(item.last, 0, lower_line)), lower.eq(0)]
+        return upper.any() | lower.any()
+
+    def _emit(self, m: Module, lines: SyncFIFOBuffered, out: stream.Interface) -> Value:
+        """Emits the pairs of a step, those of the upper super-row first; returns whether there are any."""
+        comes = data.View(self._item, lines.r_data)
+        held = Signal(data.StructLayout({
+            "splat": self.splats.payload.shape(), "upper_base": self._base, "lower_base": self._base, "end": 1}),
+            reset_less=True)
+        upper, lower, line, lowest, rest = (
+            Signal(self._columns, name=name) for name in ("upper_left", "lower_left", "line", "lowest", "rest"))
+        there, above, free, column = Signal(), Signal(), Signal(), Signal(range(self._columns))
+        m.d.comb += [
+            above.eq(upper.any()), line.eq(Mux(above, upper, lower)),
+            lowest.eq(Cat(line[i] & ~line[:i].any() for i in range(self._columns))), rest.eq(line & ~lowest),
             column.eq(Cat(
                 Cat(lowest[i] for i in range(self._columns) if i >> k & 1).any() for k in range(len(column)))),
             out.valid.eq(there),
             out.payload.end.eq(held.end),
-            free.eq(~there | out.ready & ~(rest & ~lowest).any()),
+            free.eq(~there | out.ready & ~rest.any() & ~(above & lower.any())),
+            lines.r_en.eq(free),
         ]
         with m.If(~held.end):
-            m.d.comb += [out.payload.supertile.eq(held.base + column),
+            m.d.comb += [out.payload.supertile.eq(Mux(above, held.upper_base, held.lower_base) + column),
                          *(out.payload[name].eq(held.splat[name]) for name in ("index", "depth_key"))]
-        with m.If(there & out.ready & ~free):
-            m.d.sync += rest.eq(rest & ~lowest)
-        return m
-
-    def _collect(self, m: Module, held: data.View, rest: Signal, there: Signal, free: Signal) -> None:
-        """Adds groups to the line of super-columns, and hands the line on with a super-row's last group."""
-        item = self.groups.payload
-        columns, line, found = Signal(self._columns), Signal(self._columns), Signal()
-        taken, leaves, last = Signal(), Signal(), Signal()
-        halves = [Cat(row[half * SUPER_X : (half + 1) * SUPER_X] for row in item.passed).any() for half in range(_HALVES)]
-        for column in range(self._columns):
-            m.d.comb += line[column].eq(columns[column] | (item.group == column // _HALVES) & halves[column % _HALVES])
-        m.d.comb += [
-            leaves.eq(item.end | item.closes & line.any()),
-            self.groups.ready.eq((item.end | self.splats.valid) & (free | ~leaves)),
-            taken.eq(self.groups.valid & self.groups.ready),
-            last.eq(taken & item.last & ~item.end),
-            self.splats.ready.eq(last),
-            self.lives.eq(last & (found | line.any())),
-            self.busy.eq(there | columns.any()),
-        ]
         with m.If(free):
-            m.d.sync += there.eq(0)
-        with m.If(taken):
-            m.d.sync += [columns.eq(Mux(item.closes, 0, line)), found.eq(~item.last & (found | line.any()))]
-            with m.If(leaves):
-                m.d.sync += [
-                    there.eq(1), rest.eq(line), held.splat.eq(self.splats.payload), held.end.eq(item.end),
-                    held.base.eq(item.row * self.supers_x)]
+            m.d.sync += [there.eq(lines.r_rdy), upper.eq(comes.upper), lower.eq(comes.lower), held.splat.eq(comes.splat),
+                         held.upper_base.eq(comes.row * self.supers_x),
+                         held.lower_base.eq((comes.row + 1) * self.supers_x), held.end.eq(comes.end)]
+        with m.Elif(out.ready):
+            with m.If(above):
+                m.d.sync += upper.eq(rest)
+            with m.Else():
+                m.d.sync += lower.eq(rest)
+        return there

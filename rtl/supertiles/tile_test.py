@@ -12,12 +12,12 @@ from rtl.culling.datapath import Datapath
 from rtl.culling.tile_columns import row_columns
 from rtl.culling.tile_expand import kept_record
 from rtl.shapes import layout, shape
+from rtl.supertiles.box_steps import BoxSteps, carried_step
 from rtl.supertiles.event_count import count
 from rtl.supertiles.group_walk import GroupWalk
 from rtl.supertiles.level_table import SuperLevelTable
 from rtl.supertiles.mask_expand import MaskExpand
 from rtl.supertiles.pair_expand import PairExpand
-from rtl.supertiles.super_rows import SuperRows, carried_row
 from spec.config import AcceleratorConfig
 from spec.constants import SUPER_X, SUPER_Y, TILE
 from spec.memory import frame_settings
@@ -29,12 +29,13 @@ _COUNTS = ("touched", "filtered", "entries", "survivors_count")
 
 
 class SuperTileTest(wiring.Component):
-    """Finds the super-tiles that splats have intersections with, and in the second phase the tiles of each pair. `SuperRows`
-    takes the box of a splat apart into super-rows, the ellipse test finds the columns that the splat touches in each tile row,
-    and `GroupWalk` reads their levels and applies the foveation filter. Groups of tiles then go to `PairExpand` in the first
-    phase and to `MaskExpand` in the second. The fields of a splat that only these two need wait in a queue beside the rest.
+    """Finds the super-tiles that splats have intersections with, and in the second phase the tiles of each pair. `BoxSteps`
+    takes the box of a splat apart into steps of SUPER_Y tile rows, the ellipse test finds the columns that the splat touches in
+    each row, and `GroupWalk` reads their levels and applies the foveation filter. Groups of tiles then go to `PairExpand` in
+    the first phase and to `MaskExpand` in the second. The fields of a splat that only these two need wait in a queue beside the
+    rest.
 
-        splats --> SuperRows --> ellipse --> GroupWalk --> PairExpand --> pairs        first phase
+        splats --> BoxSteps ---> ellipse --> GroupWalk --> PairExpand --> pairs        first phase
                                                  ^     |
         table --------------------> SuperLevelTable    +-> MaskExpand --> survivors    second phase
 
@@ -58,14 +59,14 @@ class SuperTileTest(wiring.Component):
         clear: strobe between frames: the level table empties, and counts restart.
 
     Which tiles a splat touches, and what the foveation filter passes, is as in `rtl.culling.tile_test.TileTest`. A group is
-    what lies in a super-row within 16 columns, the first a multiple of 16. Groups reach from the first to the last column that
-    the splat touches in any of the two tile rows.
+    what lies in a step within 16 columns, the first a multiple of 16. Groups reach from the first to the last column that the
+    splat touches in any of the two tile rows.
 
-    Throughput: a super-row every `point_interval` cycles, a group a cycle, and in the first phase a pair a cycle, each without
-    waiting for the others; so a splat of the second phase, which has one super-row and one group, takes `point_interval`
-    cycles. A super-row in which nothing is touched takes the time of a group. Latency from a splat to its first group: 5 cycles
-    more than the latency of the ellipse test, which has a schedule of 58 cycles for PAPER's rates; 2 cycles more to a pair, and
-    one to a survivor. Storage: `SuperLevelTable`, and a queue of splats.
+    Throughput: a step every `point_interval` cycles, a group a cycle, and in the first phase a pair a cycle, each without
+    waiting for the others as long as PairExpand's queue has room; so a splat of the second phase, which has one step and one
+    group, takes `point_interval` cycles. A step in which nothing is touched takes the time of a group. Latency from a splat to
+    its first group: 5 cycles more than the latency of the ellipse test, which has a schedule of 58 cycles for PAPER's rates; 4
+    cycles more to a pair, and one to a survivor. Storage: `SuperLevelTable`, a queue of splats, and that of PairExpand.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
@@ -73,7 +74,7 @@ class SuperTileTest(wiring.Component):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         check_supertiles(config)
         self.config = config
-        self._ellipse = Datapath(row_columns(config, SUPER_Y), interval=config.point_interval, carried=carried_row(config))
+        self._ellipse = Datapath(row_columns(config, SUPER_Y), interval=config.point_interval, carried=carried_step(config))
         settings = {f.name: shape(f.format) for f in frame_settings(config).fields}
         super().__init__({
             "splats": In(stream.Signature(layout(projected_splat(config)))),
@@ -91,7 +92,7 @@ class SuperTileTest(wiring.Component):
     def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.levels = levels = SuperLevelTable(self.config)
-        m.submodules.rows = rows = SuperRows(self.config)
+        m.submodules.steps = steps = BoxSteps(self.config)
         m.submodules.ellipse = ellipse = self._ellipse
         m.submodules.walk = walk = GroupWalk(self.config)
         m.submodules.expand = expand = PairExpand(self.config)
@@ -104,8 +105,8 @@ class SuperTileTest(wiring.Component):
             levels.clear.eq(self.clear), self.filled.eq(levels.filled), walk.obb.eq(self.obb),
             ellipse.width.eq(self.width), ellipse.height.eq(self.height)]
         self._sizes(m, levels, expand)
-        self._enter(m, rows, walk, expand, masks)
-        self._test(m, rows, walk)
+        self._enter(m, steps, walk, expand, masks)
+        self._test(m, steps, walk)
         self._part(m, walk, expand, masks)
         return m
 
@@ -117,17 +118,18 @@ class SuperTileTest(wiring.Component):
                      supers_x.eq((tiles_x + (SUPER_X - 1)) >> (SUPER_X.bit_length() - 1))]
         m.d.comb += [levels.tiles_x.eq(tiles_x), levels.tiles_y.eq(tiles_y), expand.supers_x.eq(supers_x)]
 
-    def _enter(self, m: Module, rows: SuperRows, walk: GroupWalk, expand: PairExpand, masks: MaskExpand) -> None:
-        """Sends splats to `SuperRows` and into the queue."""
+    def _enter(self, m: Module, steps: BoxSteps, walk: GroupWalk, expand: PairExpand, masks: MaskExpand) -> None:
+        """Sends splats to `BoxSteps` and into the queue."""
         kept = layout(kept_record(self.config))
         m.submodules.queue = queue = SyncFIFOBuffered(
             width=kept.size, depth=self._ellipse.schedule.depth + TILE_TEST_BESIDE)
         splat, may, taken, ending = Signal(kept), Signal(), Signal(), Signal()
         m.d.comb += [
             may.eq(self.filled & queue.w_rdy),
-            rows.splats.valid.eq(self.splats.valid & may),
-            rows.splats.payload.eq(self.splats.payload),
-            self.splats.ready.eq(rows.splats.ready & may),
+            steps.splats.valid.eq(self.splats.valid & may),
+            steps.splats.payload.eq(self.splats.payload),
+            steps.rendering.eq(self.rendering),
+            self.splats.ready.eq(steps.splats.ready & may),
             taken.eq(self.splats.valid & self.splats.ready),
             queue.w_en.eq(taken & ~self.splats.payload.end),
             queue.w_data.eq(Cat(Value.cast(self.splats.payload[name]) for name in kept.members)),
@@ -143,28 +145,28 @@ class SuperTileTest(wiring.Component):
         with m.If(walk.groups.valid & walk.groups.ready & walk.groups.payload.end):
             m.d.sync += ending.eq(0)
 
-    def _test(self, m: Module, rows: SuperRows, walk: GroupWalk) -> None:
-        """Connects super-rows to the ellipse test, and the ellipse test to `GroupWalk`."""
-        item, splat, ellipse = rows.rows.payload, rows.rows.payload.splat, self._ellipse
+    def _test(self, m: Module, steps: BoxSteps, walk: GroupWalk) -> None:
+        """Connects steps to the ellipse test, and the ellipse test to `GroupWalk`."""
+        item, splat, ellipse = steps.steps.payload, steps.steps.payload.splat, self._ellipse
         operands, found = ellipse.sink.payload, ellipse.source.payload
         m.d.comb += [
-            ellipse.sink.valid.eq(rows.rows.valid),
-            rows.rows.ready.eq(ellipse.sink.ready),
+            ellipse.sink.valid.eq(steps.steps.valid),
+            steps.steps.ready.eq(ellipse.sink.ready),
             Cat(operands.l1, operands.l2, operands.l3).eq(Value.cast(splat.conic)),
             operands.mean_x.eq(splat.mean2d[0]),
             operands.mean_y.eq(splat.mean2d[1]),
             operands.opacity.eq(splat.log2_opacity),
             operands.carried.eq(item.carried),
-            walk.rows.valid.eq(ellipse.source.valid),
-            ellipse.source.ready.eq(walk.rows.ready),
-            walk.rows.payload.carried.eq(found.carried),
+            walk.steps.valid.eq(ellipse.source.valid),
+            ellipse.source.ready.eq(walk.steps.ready),
+            walk.steps.payload.carried.eq(found.carried),
         ]
         for i in range(SUPER_Y):
             m.d.comb += [
-                operands[f"row_{i}"].eq(item.carried.row * SUPER_Y + i),
-                walk.rows.payload.first[i].eq(found[f"first_{i}"]),
-                walk.rows.payload.last[i].eq(found[f"last_{i}"]),
-                walk.rows.payload.none[i].eq(found[f"none_{i}"]),
+                operands[f"row_{i}"].eq(item.carried.row + i),
+                walk.steps.payload.first[i].eq(found[f"first_{i}"]),
+                walk.steps.payload.last[i].eq(found[f"last_{i}"]),
+                walk.steps.payload.none[i].eq(found[f"none_{i}"]),
             ]
 
     def _part(self, m: Module, walk: GroupWalk, expand: PairExpand, masks: MaskExpand) -> None:

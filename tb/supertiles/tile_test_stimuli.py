@@ -15,7 +15,7 @@ import numpy as np
 from golden.msv2_ref.tile_test import TileTest, tile_test
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS, SUPER_TILES, SUPER_X, SUPER_Y, TILE
-from spec.queues import LEVEL_GROUP
+from spec.queues import LEVEL_GROUP, LINES_AHEAD
 from spec.records import projected_splat, surviving_splat, tile_level
 from spec.supertiles import supertile_pair
 from tb.culling.tile_test_stimuli import Case
@@ -155,35 +155,37 @@ class SuperCase:
                 for (splats, levels), found, order in zip(self.base.frames, self.found, self.second, strict=True)]
 
     def _first_cycles(self, splats: np.ndarray, levels: np.ndarray, found: PairsFound) -> int:
-        """Super-rows enter at their interval, and are walked through a group a cycle. The pairs of a super-row leave one a
-        cycle while the walk goes on; its last group waits until those of the super-row before have left."""
-        rows, groups = self._groups(splats, levels)
-        most = int(rows[:, 1].max(initial=0)) + 1
-        pairs = np.bincount(found.splat * most + found.supertile // supers_x(self.base.width), minlength=len(splats) * most)
-        walked = free = 0
-        for k, (cost, emits) in enumerate(zip(groups.tolist(), pairs[rows[:, 0] * most + rows[:, 1]].tolist(), strict=True)):
+        """Steps enter at their interval, and are walked through a group a cycle. Pairs leave one a cycle while the walk goes
+        on; it waits where the pairs of LINES_AHEAD steps have not begun to leave."""
+        groups, emits = self._steps(splats, levels, found)
+        walked, begun = 0, [0]  # when the walk is over, and when the pairs of each step with any begin to leave
+        free = 0
+        for k, (cost, pairs) in enumerate(zip(groups.tolist(), emits.tolist(), strict=True)):
             walked = max(k * self.config.point_interval, walked) + cost
-            if emits:
-                walked = max(walked, free)
-                free = walked + emits
+            if pairs:
+                if len(begun) > LINES_AHEAD:
+                    walked = max(walked, begun[-LINES_AHEAD])
+                begun.append(max(walked, free))
+                free = begun[-1] + pairs
         return max(walked, free)
 
-    def _groups(self, splats: np.ndarray, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """((R, 2) the splat and number of each super-row of a box, (R,) its groups): from the first to the last column that the
-        splat touches, whatever the level."""
-        first, last = splats["first_y"] // SUPER_Y, splats["last_y"] // SUPER_Y
-        count = last - first + 1
-        splat = np.repeat(np.arange(len(splats)), count)
-        row = first[splat] + np.arange(len(splat)) - np.repeat(np.cumsum(count) - count, count)
+    def _steps(self, splats: np.ndarray, levels: np.ndarray, found: PairsFound) -> tuple[np.ndarray, np.ndarray]:
+        """Of each step of SUPER_Y tile rows that boxes are cut into, its groups, from the first to the last column that the
+        splat touches, whatever the level; and its pairs, which leave with the last row of their super-tile or of the box."""
+        first, last = splats["first_y"].astype(np.int64), splats["last_y"].astype(np.int64)
+        count = (last - first) // SUPER_Y + 1
+        begin = np.cumsum(count) - count
+        total = int(count.sum())
         touched = tile_test(self.config, splats, np.zeros_like(levels), self.base.width, self.base.height, obb=self.base.obb)
-        tiles_x = -(-self.base.width // TILE)
-        tile_row, column = np.divmod(touched.entries["tile"][:-1].astype(np.int64), tiles_x)
+        tile_row, column = np.divmod(touched.entries["tile"][:-1].astype(np.int64), -(-self.base.width // TILE))
         of = np.searchsorted(splats["index"], touched.entries["index"][:-1])
-        at = (np.cumsum(count) - count)[of] + tile_row // SUPER_Y - first[of]
-        low, high = np.full(len(splat), tiles_x), np.full(len(splat), -1)
+        at = begin[of] + (tile_row - first[of]) // SUPER_Y
+        low, high = np.full(total, 1 << 30), np.full(total, -1)
         np.minimum.at(low, at, column // LEVEL_GROUP)
         np.maximum.at(high, at, column // LEVEL_GROUP)
-        return np.stack([splat, row], 1), np.maximum(high - low + 1, 1)
+        ends = found.supertile // supers_x(self.base.width) * SUPER_Y + SUPER_Y - 1
+        leaves = begin[found.splat] + (np.minimum(ends, last[found.splat]) - first[found.splat]) // SUPER_Y
+        return np.maximum(high - low + 1, 1), np.bincount(leaves, minlength=total)
 
 
 def numbered(case: Case) -> Case:
@@ -197,10 +199,11 @@ def numbered(case: Case) -> Case:
 
 
 def wide_case(config: AcceleratorConfig, rng: np.random.Generator, splats: np.ndarray, name: str) -> SuperCase:
-    """Boxes of one row of the widest frame, all at one level and with all tiles touched: more pairs than groups."""
+    """Boxes of a row or two of the widest frame, all at one level and with all tiles touched: more pairs than groups."""
     splats, width, tiles = splats.copy(), config.row_width, -(-config.row_width // TILE)
     splats["bound"], splats["first_x"], splats["last_x"] = MAX_LEVELS - 1, 0, tiles - 1
-    splats["first_y"] = splats["last_y"] = rng.integers(0, 4, len(splats))
+    splats["first_y"] = rng.integers(0, 4, len(splats))
+    splats["last_y"] = np.minimum(splats["first_y"] + rng.integers(0, 2, len(splats)), 3)
     levels = np.zeros((4 * tiles, 2), np.int64)
     return SuperCase(Case(name, config, width, 4 * TILE, ((splats, levels),), obb=True))
 

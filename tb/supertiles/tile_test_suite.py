@@ -6,6 +6,7 @@ import numpy as np
 
 from spec.config import TINY_V3, V3, AcceleratorConfig
 from spec.constants import TILE
+from spec.queues import LINES_AHEAD
 from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.scenes import traced_frames, traced_size
@@ -64,7 +65,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
         width, height = (int(n) for n in rng.integers(1, (min(config.row_width, 900), min(config.row_width, 200))))
         case = of(random_case(config, rng, f"back to back {k}", width, height, 100, obb=k % 4 == 3))
         plan.append(timed(case, reset=False, quiet=20))
-    rows = random_splats(config, rng, 60, config.row_width, 4 * TILE, "giants")
+    rows = random_splats(config, rng, 2 * LINES_AHEAD, config.row_width, 4 * TILE, "giants")
     plan.append(timed(wide_case(config, rng, rows, "rate of wide splats"), reset=False))
     first = SuperCase(case.base, again=False)
     plan += [plan_of(first, "no second phase"), plan_of(case, "a second phase after none", reset=False)]

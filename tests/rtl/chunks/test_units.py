@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from golden.msv2_ref.supertiles import chunk_order
 from rtl.chunks.chunk_reader import ChunkReader
 from rtl.chunks.geometry_decode import GeometryDecode
 from rtl.chunks.header_reader import ChunkHeaderReader
@@ -74,7 +75,8 @@ def test_faults_are_found(decoded):
 def test_headers_come_in_order_and_those_with_an_error_are_left_out(late: int, pauses: float, config: AcceleratorConfig):
     rng, header, item = random.Random(late), chunk_header(config), header_item(config)
     rows = [rng.getrandbits(header.width) for _ in range(40)]
-    numbered = [row | i << header.width if config.supertiles else row for i, row in enumerate(rows)]
+    order = chunk_order(40).tolist() if config.supertiles else list(range(40))
+    numbered = [row | i << header.width if config.supertiles else row for i, row in zip(order, rows, strict=True)]
     dut, states = ChunkHeaderReader(config), []
 
     def each(ctx, cycle):
@@ -85,15 +87,27 @@ def test_headers_come_in_order_and_those_with_an_error_are_left_out(late: int, p
                  600 + late, setup={"chunks_base": 77, "chunks": 40}, each=each, late=late, pauses=pauses, seed=late)
     end = item.pack({**item.unpack(0), "end": 1})
     assert words_of(moves, "headers") == [*numbered[:7], *numbered[8:], end, *numbered, end]
-    assert words_of(moves, "reads") == [77 + i for i in range(40)] * 2
+    assert words_of(moves, "reads") == [77 + i for i in order] * 2
     assert states[249 + late] == (0, 1) and states[3] == (0, 0) and states[-1] == (0, 0) and states[10] == (1, 0)
     if not pauses:
         cycles = cycles_of(moves, "headers")
         assert cycles[39] - cycles[0] == 40 and cycles[-1] - cycles[40] == 40
 
 
-def test_no_chunks_give_only_an_end():
-    dut, item = ChunkHeaderReader(V3_RECORDS), header_item(V3_RECORDS)
+@pytest.mark.parametrize("count", [1, 3, 4, 5, 29, 31, 32, 33, 37, 64, 79])
+def test_every_number_of_chunks_is_walked_through(count: int):
+    dut, header = ChunkHeaderReader(TINY_V3), chunk_header(TINY_V3)
+    moves = play(dut, {"data": beats_of([0] * count, 1)}, {"reads": 0.0, "headers": 0.0}, 120,
+                 setup={"chunks_base": 5, "chunks": count}, each=lambda ctx, cycle: ctx.set(dut.start, cycle == 3))
+    order = chunk_order(count).tolist()
+    assert sorted(order) == list(range(count))
+    assert words_of(moves, "reads") == [5 + i for i in order]
+    assert [word >> header.width for word in words_of(moves, "headers")[:-1]] == order
+
+
+@pytest.mark.parametrize("config", [V3_RECORDS, TINY_V3], ids=lambda config: config.name)
+def test_no_chunks_give_only_an_end(config: AcceleratorConfig):
+    dut, item = ChunkHeaderReader(config), header_item(config)
     moves = play(dut, {"data": []}, {"reads": 0.0, "headers": 0.0}, 30, setup={"chunks_base": 77, "chunks": 0},
                  each=lambda ctx, cycle: ctx.set(dut.start, cycle == 2))
     assert words_of(moves, "headers") == [item.pack({**item.unpack(0), "end": 1})] and not moves["reads"]
