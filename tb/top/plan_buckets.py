@@ -50,11 +50,11 @@ def bucket_plan(config: AcceleratorConfig) -> list[PlannedFrame]:
 
 def most_lists(config: AcceleratorConfig) -> list[PlannedFrame]:
     """A super-tile of as many lists as there can be, all of them longer than the first pages, so that the list reader has no
-    space for the pages of all of them. The frame before makes its bounds."""
+    space for the pages of all of them. The frame before, which follows a reset, makes its bounds."""
     rng, stays = np.random.default_rng(5), {"reset": False, "poison": False}
     before = case(config, "many pairs", crowd(rng, BUCKETS * BUCKET_PAIRS), (16, 16), beta=0)
     most = case(config, "as many lists as there can be", crowd(rng, 360 * BUCKETS), (16, 16))
     return [
-        planned(before, "for their bounds", "instant", **stays),
+        planned(before, "for their bounds", "instant"),
         planned(after(most, before), **stays),
         planned(after(most, most), "its own bounds", "instant", **stays)]

@@ -5,6 +5,7 @@
     msv2 study run model --rtl          first renders the frames of model_rtl.json through the RTL (an hour, but finished
                                         runs are kept), and one frame more to time RTL and model in turn
     msv2 study run model --rtl lpddr3   the same for the frames of one memory; those of the other stay as they are
+    msv2 study run model --rtl v3       the same for the frames of one configuration, in rows and alone, on both memories
 
 Real scenes are looked for in MSV2_DATA. Frames whose scene is missing are left out and named.
 """
@@ -225,21 +226,28 @@ def camera_options(options: Sequence[str]) -> list[str]:
     return [word for pair in found for word in pair]
 
 
-def render_rtl(kinds: Sequence[str]) -> None:
-    """Renders the frames of reports/model_rtl.json on these kinds of memory; rows of other kinds stay as they are. With the
-    ideal memory, the speed of RTL and model is measured too."""
-    path = REPORTS / "model_rtl.json"
-    old = read_json(path) if path.is_file() and set(kinds) != set(MEMORIES) else None
-    rows = [row for row in (old or {"rows": []})["rows"] if row.get("memory", IDEAL) not in kinds]
-    speed = side_by_side() if IDEAL in kinds else old and old["speed"]
-    for line in (line for kind in kinds for line in FRAMES[kind]):
+def lines_of(kinds: Sequence[str], config: str | None) -> list[str]:
+    """The frames to render on these kinds of memory; with `config`, those of this configuration alone."""
+    lines = [line for kind in kinds for line in FRAMES[kind]]
+    return [line for line in lines if config is None or f"--config {config} " in f"{line} "]
+
+
+def render_rtl(kinds: Sequence[str], config: str | None = None) -> None:
+    """Renders the frames of reports/model_rtl.json on these kinds of memory and, with `config`, of this configuration alone;
+    other rows stay as they are. With the ideal memory and all configurations, the speed of RTL and model is measured too."""
+    path, lines = REPORTS / "model_rtl.json", lines_of(kinds, config)
+    old = read_json(path) if path.is_file() and (config or set(kinds) != set(MEMORIES)) else None
+    rows = [row for row in (old or {"rows": []})["rows"]
+            if row.get("memory", IDEAL) not in kinds or (config and machine(row | {"machine": "full"}).name != config)]
+    speed = side_by_side() if IDEAL in kinds and not config else old and old["speed"]
+    for line in lines:
         found = rtl_rows(line)
         print(f"{line}: {', '.join(str(row['frame_cycles']) for row in found) or 'no such scene in MSV2_DATA'}", flush=True)
         rows += found
         rows.sort(key=lambda row: MEMORIES.index(row.get("memory", IDEAL)))
         scenes = filter(None, (scene_argument(row["scene"]) for row in rows))
-        write_report(path, {"rows": rows, "speed": speed}, [__name__, COMMAND],
-                     {"frames": [line for kind in kinds for line in FRAMES[kind]], "timed": TIMED}, scenes, earlier=old)
+        write_report(path, {"rows": rows, "speed": speed}, [__name__, COMMAND], {"frames": lines, "timed": TIMED}, scenes,
+                     earlier=old)
 
 
 def side_by_side() -> dict[str, object]:
@@ -350,11 +358,14 @@ def markdown(report: Mapping[str, object]) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line; returns 1 where a frame's total misses the goal."""
     parser = command_parser("msv2 study run model", __doc__)
-    parser.add_argument("--rtl", nargs="?", const=ALL, metavar="|".join((ALL, *MEMORIES)),
-                        help="render the frames of reports/model_rtl.json through the RTL first, all or those of one memory")
+    configs = tuple(name for name in MACHINES if lines_of(MEMORIES, name))
+    accepted = (ALL, *MEMORIES, *configs)
+    parser.add_argument("--rtl", nargs="?", const=ALL, metavar="|".join(accepted), help="render the frames of "
+                        "reports/model_rtl.json through the RTL first: all, those of one memory, or those of one configuration")
     args = parser.parse_args(argv)
     if args.rtl is not None:
-        render_rtl(MEMORIES if choice("rtl", args.rtl, (ALL, *MEMORIES)) == ALL else (args.rtl,))
+        choice("rtl", args.rtl, accepted)
+        render_rtl((args.rtl,) if args.rtl in MEMORIES else MEMORIES, args.rtl if args.rtl in configs else None)
     found, missing = frames()
     rows = []
     for row in found:

@@ -6,11 +6,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from golden.host.run_options import MEMORIES
 from golden.msv2_ref.buckets import next_bounds
 from golden.msv2_ref.plan import work_for
 from golden.scenes.request import resolve
 from msv2.studies.model import study
-from spec.config import PAPER, TINY, TINY_V3
+from spec.config import PAPER, TINY, TINY_V3, V3
 from spec.errors import InputError
 from tb.frame import __main__ as command
 from tb.frame.row import TURN, check_row, golden_row, row_numbers
@@ -69,6 +70,15 @@ def test_an_error_in_any_frame_is_told():
     assert told["first_mismatches"] == [{"x": 1, "frame": 0}] and told["counter_errors"] == ["frame 0: counter ops"]
     assert [(each["cycles"], each["turned"]) for each in told["frames"]] == [(11, 0.0), (10, 3.0)]
     assert row_numbers([right, right], 3.0)["bit_exact"]
+
+
+def test_the_model_study_renders_the_frames_of_one_configuration():
+    lines = study.lines_of(MEMORIES, V3.name)
+    assert all(f"--config {V3.name} --frames" in line for line in lines)
+    assert {"--memory lpddr3" in line for line in lines} == {True, False}
+    assert set(lines) < set(study.lines_of(MEMORIES, None)) and lines == [
+        line for kind in MEMORIES for line in study.lines_of([kind], V3.name)]
+    assert study.lines_of(MEMORIES, "tiny") and study.lines_of(MEMORIES, TINY_V3.name) == []
 
 
 @pytest.mark.long
