@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from golden.msv2_ref import pipeline
+from golden.msv2_ref import pipeline, projection
 from golden.msv2_ref.batches import FrameBatches
 from golden.msv2_ref.buckets import no_bounds
+from golden.msv2_ref.supertiles import chunk_order
 from golden.msv2_ref.tile_lists import tile_lists
 from golden.scenes.request import parse_request, resolve
 from perf.model import MemoryModel
@@ -21,8 +22,9 @@ from spec.memory import BEAT_BYTES, BEAT_ENTRIES, DIRECTORY_BEATS, WORDS, pages_
 from spec.queues import LIST_POINTERS, LISTS_AHEAD
 from spec.supertiles import BUCKET_PAIRS, BUCKETS
 
-RTL = {"table": 171, "geometry": 10_642, "render": 34_732}
-"""Cycles of the phases of SMALL through the RTL of `v3` (make frame CONFIG=v3), with the ideal memory."""
+RTL = {"table": 171, "geometry": 9_977, "render": 34_732}
+"""Cycles of the phases of SMALL through the RTL of `v3` (make frame CONFIG=v3), with the ideal memory; of `geometry` through
+that of `tiny_v3` with its culling units (SET="culling_units=8"), whose first phase has the same rates."""
 
 SMALL = ("embedded_trained", "--size", "128x128", "--levels", "4")
 
@@ -72,8 +74,23 @@ def test_the_trace_has_the_pairs_of_the_golden_frame(foveated, trace):
     assert int(trace.splat_steps.sum()) == len(trace.step_pairs) == len(trace.step_closes)
     assert (trace.step_groups >= 1).all() and trace.step_groups.max() > 1
     np.testing.assert_array_equal(np.sort(trace.arrival), np.arange(trace.pairs))
-    emitted = trace.splat[trace.arrival].astype(np.int64) * trace.supertiles + trace.supertile[trace.arrival]
-    assert (np.diff(emitted) > 0).all()
+    turn = np.empty(len(trace.chunk_count), np.int64)
+    turn[chunk_order(len(turn))] = np.arange(len(turn))
+    splat = turn[trace.chunk[trace.arrival]] * trace.points + trace.splat[trace.arrival]
+    assert (np.diff(splat * trace.supertiles + trace.supertile[trace.arrival]) > 0).all()
+
+
+def test_steps_are_two_rows_of_a_box_and_close_with_the_pairs_of_a_super_tile():
+    """A box of two rows takes one step even where these lie in two super-tiles; its pairs of both leave together."""
+    frame = frame_of("embedded", "--size", "96x64")
+    trace, box = super_trace(frame), frame.projected.box[frame.projected.reason == projection.VISIBLE]
+    rows = box[:, 3].astype(int) - box[:, 2] + 1
+    assert sorted(trace.splat_steps[:-1]) == sorted((rows + 1) // 2)
+    assert ((rows == 2) & (box[:, 2] % 2 == 1)).any() and trace.step_pairs.max() == 2
+    firsts = np.cumsum(trace.splat_steps[:-1]) - trace.splat_steps[:-1]
+    of = np.repeat(np.arange(len(firsts)), trace.splat_steps[:-1])
+    pairs = np.bincount(of, trace.step_pairs[:-1])
+    assert sorted(pairs[pairs > 0]) == sorted(np.bincount(frame.pairs.splat)[np.unique(frame.pairs.splat)])
 
 
 def test_visits_are_those_of_the_golden_frame(foveated, trace):

@@ -17,7 +17,7 @@ from golden.scenes.embedded.views import embedded_cameras
 from golden.scenes.levels import smfr_levels
 from spec.config import TINY, TINY_V3, V3, V3_RECORDS
 from spec.constants import SUPER_X, SUPER_Y
-from spec.supertiles import HEADER_WAYS, SEQUENCE_BITS
+from spec.supertiles import CHUNK_RUN, CHUNK_STREAMS, HEADER_WAYS, SEQUENCE_BITS
 from tb.top.check import expected_events
 from tests.helpers.golden_samples import map_for, random_model, splats, turned_view, view
 
@@ -260,3 +260,13 @@ def test_saturated_colours_count_once_for_each_place():
     places = FrameBatches(frame).places
     assert len(places.pair) > len(frame.pairs.splat) > 3
     assert expected_events(frame)["saturated_colours"] == len(places.pair)
+
+
+@pytest.mark.parametrize("count", [0, 1, 4, 31, 32, 33, 100, 1983])
+def test_chunks_come_in_runs_of_every_part_by_turns(count):
+    """The order that the text of `spec.supertiles` gives, chunk by chunk."""
+    part = CHUNK_RUN * -(-count // (CHUNK_RUN * CHUNK_STREAMS))
+    expected = [chunk for run in range(0, part, CHUNK_RUN) for begin in range(0, CHUNK_STREAMS * part, part or 1)
+                for chunk in range(begin + run, begin + run + CHUNK_RUN) if chunk < count]
+    assert supertiles.chunk_order(count).tolist() == expected
+    assert sorted(expected) == list(range(count))
