@@ -52,7 +52,7 @@ from spec.codes import Code
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.formats import UQ
-from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES
+from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES, WORD_BITS, WORDS
 from spec.records import TILE_BITS, Field, Record, uint
 
 BLOCK_WIDTH = TILE
@@ -144,6 +144,41 @@ def packed_header(config: AcceleratorConfig) -> Record:
     ))
 
 
+def block_row(config: AcceleratorConfig) -> Record:
+    """A row of a block in the format for displays. The rows of a block follow each other, row 0 first."""
+    return Record("BlockRow", block_row.__doc__, (
+        Field("pixel", uint(8), "r, g, b, coverage of each pixel, left to right", CHANNELS * BLOCK_WIDTH),
+        Field("inside", uint(BLOCK_WIDTH.bit_length()), "how many of them, from the left, lie in the frame"),
+        Field("row", uint((BLOCK_HEIGHT - 1).bit_length()), "number of the row"),
+        Field("block", uint(BLOCK_BITS), "number of the block"),
+    ))
+
+
+def packed_beat(config: AcceleratorConfig) -> Record:
+    """A beat of a packed block; a block beyond the frame has one item, which is no beat."""
+    return Record("PackedBeat", packed_beat.__doc__, (
+        Field("word", uint(WORD_BITS), "the beat, lowest address first", WORDS),
+        Field("block", uint(BLOCK_BITS), "number of the block"),
+        Field("size", uint(4), "beats of the block up to this one; 0: no beat"),
+        Field("last", uint(1), "the block's last item: `size` and `check` are those of its PackedEntry"),
+        Field("check", uint(CHECK_BITS), "remainder over the block's beats up to this one"),
+    ))
+
+
+def listed_block(config: AcceleratorConfig) -> Record:
+    """A block that is to be unpacked: its number, and its entry of the table. It has pixels of the frame."""
+    return Record("ListedBlock", listed_block.__doc__, (
+        *packed_entry(config).fields, Field("block", uint(BLOCK_BITS), "number of the block")))
+
+
+def display_row(config: AcceleratorConfig) -> Record:
+    """A row of a block as it comes out of a packed frame; pixels beyond the frame mean nothing."""
+    return Record("DisplayRow", display_row.__doc__, (
+        Field("pixel", uint(8), "r, g, b, coverage of each pixel, left to right", CHANNELS * BLOCK_WIDTH),
+        Field("error", uint(PackedError.width()), "with the block's last row: what is wrong with it (PackedError); else 0"),
+    ))
+
+
 def block_size(planes: int) -> int:
     """Beats of a block whose groups have so many planes together, 0..PLANES * BLOCK_GROUPS."""
     return SLOT_BEATS if planes > PLANES_MOST else -(-(HEADER_BYTES + planes) // BEAT_BYTES)
@@ -160,4 +195,4 @@ def table_beat(width: int, height: int) -> int:
     return SLOT_BEATS * BLOCKS * -(-width // TILE) * -(-height // TILE)
 
 
-PACKED_RECORDS = (packed_entry, packed_header)
+PACKED_RECORDS = (packed_entry, packed_header, block_row, packed_beat, listed_block, display_row)

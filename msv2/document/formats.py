@@ -14,7 +14,7 @@ from types import ModuleType
 import numpy as np
 
 from msv2.document.text import attribute_docs, doc_of, listed_docs, number, one_line, table
-from spec import chunks, compact, constants, formats, harmonics, memory, queues, records, stereo, supertiles, tables
+from spec import chunks, compact, constants, formats, harmonics, memory, packed, queues, records, stereo, supertiles, tables
 from spec.config import CONFIGS, DEFAULT, PAPER, V3, V3_RECORDS, AcceleratorConfig, NumberFormats
 from spec.formats import Fixed, Format, SmallFloat
 from spec.paths import DOCS
@@ -71,6 +71,17 @@ def chunks_section() -> list[str]:
     for make in (*chunks.CHUNK_RECORDS, *compact.COMPACT_RECORDS):
         lines += record_section(make, V3_RECORDS)
     return [*lines, *_added_fields(PAPER.with_(order="spatial", chunks=True))]
+
+
+def packed_section() -> list[str]:
+    """What packed frames are, and their records."""
+    lines = ["## Packed frames", "", doc_of(packed), "", "Errors of a block:", "",
+             *table(("number", "name", "meaning"), ([error.value, f"`{error.name}`", doc] for error, doc in zip(
+                 packed.PackedError, attribute_docs(inspect.getsource(packed.PackedError)).values(), strict=True))),
+             "## Records of packed frames", ""]
+    for make in packed.PACKED_RECORDS:
+        lines += record_section(make)
+    return lines
 
 
 def layout(make: Callable[[AcceleratorConfig], records.Record], config: AcceleratorConfig) -> list[tuple[str, int]]:
@@ -130,7 +141,7 @@ def records_section() -> list[str]:
 def constants_section() -> list[str]:
     """Constants with their values and derivations, then the integers derived from them."""
     lines = ["## Constants", ""]
-    for module in (constants, harmonics, tables, records, memory, chunks, compact, supertiles, stereo, queues):
+    for module in (constants, harmonics, tables, records, memory, chunks, compact, supertiles, packed, stereo, queues):
         rows = [[f"`{name}`", _values(getattr(module, name)), doc] for name, doc in _module_docs(module).items()]
         lines += [f"`{module.__name__}`", "", *table(("name", "value", "derivation"), rows)]
     n = DEFAULT.formats
