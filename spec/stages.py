@@ -225,7 +225,7 @@ SUPERTILE_STAGES = tuple((BY_NAME | _OWN)[name] for name in (
 PACKED_STAGES = (
     Stage(
         "frame_pack", "Frame packing", StagePhase.RENDERING,
-        "Finished rows of pixels are packed in blocks, and these are written to the frame in memory, in place of `pixel_write`.",
+        "Finished rows of pixels are packed in blocks and written to the frame in memory, in place of `pixel_write`.",
         golden=("golden.msv2_ref.frame_packing",),
         rtl=("rtl.pixels.block_rows", "rtl.pixels.block_differences", "rtl.pixels.block_packer", "rtl.pixels.frame_packer"),
         units=("block_packer", "frame_packer"),

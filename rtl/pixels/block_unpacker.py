@@ -72,7 +72,7 @@ class BlockUnpacker(wiring.Component):
             with other errors are 0.
         busy: something is inside.
 
-    Storage: nine rows. Throughput: a block in 6 cycles, or in 2 cycles more than it has beats. Latency: the first row leaves
+    Storage: nine rows. Throughput: a block in 6 cycles, or in at most 3 cycles more than it has beats. Latency: the first row leaves
     at the earliest 7 cycles after the block came.
     """
 

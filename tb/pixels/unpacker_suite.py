@@ -55,8 +55,8 @@ def playback(config: AcceleratorConfig) -> Playback:
 def unpacked(
     config: AcceleratorConfig, name: str, data: np.ndarray, failed: float = 0.0, seed: int = 0, **options: object,
 ) -> Planned:
-    """The run that unpacks all blocks of a frame of WIDTH by HEIGHT pixels in memory, uint8. Of its beats a share `failed` comes
-    with an error of the memory."""
+    """The run that unpacks all blocks of a frame of WIDTH by HEIGHT pixels in memory, uint8. Of its beats a share `failed`
+    comes with an error of the memory."""
     pixels, errors = unpack_blocks(data, WIDTH, HEIGHT)
     table = BEAT_BYTES * table_beat(WIDTH, HEIGHT)
     entries = data[table:].view("<u2")[: len(errors)].astype(np.int64)
@@ -95,11 +95,12 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
         return packed_pixels(config, make(config, rng, WIDTH, HEIGHT, *more)).region().reshape(-1)
 
     plan = []
-    for name, data in (("graded", region(graded_pixels)), ("noise", region(random_pixels)), ("one colour", region(uniform_pixels)),
-                       ("smooth", region(graded_pixels, 1.0))):
+    whole = {"graded": region(graded_pixels), "noise": region(random_pixels), "one colour": region(uniform_pixels),
+             "smooth": region(graded_pixels, 1.0)}
+    for name, data in whole.items():
         sizes = data[BEAT_BYTES * table_beat(WIDTH, HEIGHT) :].view("<u2")[: WIDTH * HEIGHT // 64] & 15
         plan.append(unpacked(config, f"rate, {name}", data,
-                             most_cycles=int(np.maximum(6, sizes.astype(int) + 2).sum()) + SETTLING))
+                             most_cycles=int(np.maximum(6, sizes.astype(int) + 3).sum()) + SETTLING))
     for name, patterns in every_pattern(PORTS, seed).items():
         plan.append(unpacked(config, name, damaged(rng, region(graded_pixels)), patterns=patterns, reset=False))
     plan += [unpacked(config, f"damaged {k}", damaged(rng, region(graded_pixels))) for k in range(6)]
