@@ -80,9 +80,8 @@ class BlockPacker(wiring.Component):
             one item of size 0.
         busy: something is inside.
 
-    Storage: twelve rows and four beats. Throughput: a row a cycle and a beat a cycle, whichever takes longer for a block; where
-    the first rows of a block fill no beat, up to two cycles more. Latency: a block's first beat leaves at most 9 cycles after
-    its last row arrived.
+    Storage: twelve rows and seven beats. Throughput: a row a cycle and a beat a cycle, whichever takes longer. Latency: a
+    block's first beat leaves at most 9 cycles after its last row arrived.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -168,41 +167,48 @@ class BlockPacker(wiring.Component):
         return _Joined(joined, count, blocks[1], places[1], valid[1]), valid.any()
 
     def _fill(
-        self, m: Module, row: _Joined, header: Signal, advance: Signal, out: stream.Interface,
+        self, m: Module, row: _Joined, header: Signal, advance: Signal, sink: stream.Interface,
     ) -> Value:
-        """The last stage: adds the rows to what waits for a whole beat, and sends whole beats. Returns whether anything waits.
+        """The last stage adds the rows to what waits for a whole beat, and sends whole beats. Returns whether anything waits.
 
-        At most BEAT_BYTES - 1 bytes wait when a row is added. After a block's last row their number is rounded up to whole
-        beats (`ending`), so that the next block begins when the last of them leaves.
+        Fewer than two beats wait when a row is added. After a block's last row their bytes are rounded up to whole beats,
+        behind which the next block begins while these still wait; `current` is the block whose beats are sent.
         """
-        waiting, count = Signal(8 * (BEAT_BYTES - 1 + PIECE_BYTES)), Signal(range(BEAT_BYTES + PIECE_BYTES))
-        ending, block, sent, state = Signal(), Signal.like(row.place.block), Signal(4), Signal(CHECK_BITS)
-        of_block, sends, leaves, follows = Signal(4), Signal(), Signal(), Signal(CHECK_BITS)
-        begins, last, beats = row.place.row == 0, row.place.row == BLOCK_HEIGHT - 1, count[_LOW:]
-        head = begins & ~_plain(row.size) & row.size.any()
-        total, final = Signal(range(BEAT_BYTES + PIECE_BYTES)), ending & (beats <= 1)
+        most = 2 * BEAT_BYTES - 1 + PIECE_BYTES
+        waiting, count = Signal(8 * most), Signal(range(most + BEAT_BYTES))
+        block = data.StructLayout({"number": row.place.block.shape(), "size": 4})
+        current, after, begun, queued = Signal(block), Signal(block), Signal(), Signal()
+        sent, state, follows = Signal(4), Signal(CHECK_BITS), Signal(CHECK_BITS)
+        sends, leaves, ends, takes = Signal(), Signal(), Signal(), Signal()
+        begins, last, some = row.place.row == 0, row.place.row == BLOCK_HEIGHT - 1, current.size.any()
+        head, beats, left = begins & ~_plain(row.size) & row.size.any(), count[_LOW:], Signal.like(count[_LOW:])
+        out, first, total = sink.payload, Signal(block), Signal.like(count)
         m.d.comb += [
-            sends.eq(beats.any() | ending), leaves.eq(sends & out.ready),
-            follows.eq(next_state(state, waiting[: 8 * BEAT_BYTES])),
-            out.valid.eq(sends), out.payload.word.eq(waiting[: 8 * BEAT_BYTES]), out.payload.block.eq(block),
-            out.payload.size.eq(Mux(of_block.any(), sent + 1, 0)), out.payload.last.eq(out.payload.size == of_block),
-            out.payload.check.eq(Mux(of_block.any(), follows, 0)),
-            advance.eq(~row.valid | Mux(ending, final & leaves, beats == leaves)),
-            total.eq(count[:_LOW] + row.count + Mux(head, HEADER_BYTES, 0)),
+            sends.eq(begun & (beats.any() | ~some)), leaves.eq(sends & sink.ready), ends.eq(leaves & out.last),
+            left.eq(beats - (leaves & some)), advance.eq(~row.valid | (left <= 1) & (~begins | ~queued)),
+            takes.eq(advance & row.valid), follows.eq(next_state(state, waiting[: 8 * BEAT_BYTES])),
+            sink.valid.eq(sends), out.word.eq(waiting[: 8 * BEAT_BYTES]), out.block.eq(current.number),
+            out.size.eq(Mux(some, sent + 1, 0)), out.last.eq(out.size == current.size), out.check.eq(Mux(some, follows, 0)),
+            first.number.eq(row.place.block), first.size.eq(row.size),
+            total.eq(Cat(count[:_LOW], left) + row.count + Mux(head, HEADER_BYTES, 0)),
         ]
-        kept = Mux(leaves, waiting >> 8 * BEAT_BYTES, waiting)
-        m.d.sync += [waiting.eq(kept), count.eq(count - Mux(leaves & beats.any(), BEAT_BYTES, 0))]
-        with m.If(leaves):
-            m.d.sync += [sent.eq(sent + 1), state.eq(follows), ending.eq(ending & ~final)]
-        with m.If(advance & row.valid):
-            piece = Mux(head, Cat(header, row.bytes), row.bytes)
+        kept, piece = Mux(leaves & some, waiting >> 8 * BEAT_BYTES, waiting), Mux(head, Cat(header, row.bytes), row.bytes)
+        placed = piece << Cat(Const(0, 3), count[:_LOW])
+        m.d.sync += [waiting.eq(kept), count.eq(Cat(count[:_LOW], left))]
+        with m.If(takes):
             m.d.sync += [
-                waiting.eq(kept | piece << Cat(Const(0, 3), count[:_LOW])), ending.eq(last & (total.any() | ~row.size.any())),
+                waiting.eq(kept | Mux(left.any(), placed << 8 * BEAT_BYTES, placed)),
                 count.eq(Mux(last, Cat(Const(0, _LOW), (total + (BEAT_BYTES - 1))[_LOW:]), total))]
-            with m.If(begins):
-                m.d.sync += [block.eq(row.place.block), of_block.eq(row.size), sent.eq(0),
-                             state.eq(first_state(row.place.block))]
-        return count.any() | ending
+        with m.If(leaves):
+            m.d.sync += [sent.eq(sent + 1), state.eq(follows)]
+        with m.If(ends | ~begun):
+            follower = Signal(block)
+            m.d.comb += follower.eq(Mux(queued, after, first))
+            m.d.sync += [begun.eq(queued | takes & begins), queued.eq(0), current.eq(follower), sent.eq(0),
+                         state.eq(first_state(follower.number))]
+        with m.Elif(takes & begins):
+            m.d.sync += [queued.eq(1), after.eq(first)]
+        return count.any() | begun
 
 
 def _plain(size: Value) -> Value:

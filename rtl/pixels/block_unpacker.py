@@ -72,8 +72,8 @@ class BlockUnpacker(wiring.Component):
             with other errors are 0.
         busy: something is inside.
 
-    Storage: nine rows. Throughput: a block in 6 cycles, or in at most 3 cycles more than it has beats. Latency: the first row leaves
-    at the earliest 7 cycles after the block came.
+    Storage: nine rows. Throughput: a block in 6 cycles, or in at most 3 cycles more than it has beats. Latency: the first row
+    leaves at the earliest 7 cycles after the block came.
     """
 
     def __init__(self, config: AcceleratorConfig):
