@@ -67,7 +67,7 @@ video: base ## a film along a camera path, with the machine's numbers below; wha
 	@$(MSV2) video $(request) $(effects) $(eyes) $(config) $(call option,CAMERAS,path) $(call option,SWEEP,sweep) \
 		$(call option,GAZE_PATH,gaze-path) $(call option,FRAMES,frames) $(call option,FPS,fps) $(call option,FORMAT,format) $(call option,SHOW,show)
 
-sim: base ## unit simulation; TEST=float|chunk_test|chunk_reader|culling|lists|tmu|sort|vrc|warp|axi|top|supertile_test|pair_lists|record_fetch|pair_colour|batch|batch_array|all CONFIG= SET="NAME=VALUE ..." SEED=N WAVES=1 WAVE_CYCLES=A:B
+sim: base ## unit simulation; TEST=float|chunk_test|chunk_reader|culling|lists|tmu|sort|vrc|warp|axi|top|supertile_test|pair_lists|record_fetch|pair_colour|batch|batch_array|frame_packer|frame_unpacker|all CONFIG= SET="NAME=VALUE ..." SEED=N WAVES=1 WAVE_CYCLES=A:B
 	@$(MSV2) sim $(call option,TEST,test) $(config) $(call option,SEED,seed) \
 		$(call switch,WAVES,waves) $(call option,WAVE_CYCLES,wave-cycles)
 

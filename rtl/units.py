@@ -29,6 +29,9 @@ from rtl.float.convert import FixedToFloat, FloatToFixed
 from rtl.float.divide import FloatDivide, FloatReciprocal
 from rtl.float.multiply import FloatMul
 from rtl.float.roots import FloatRsqrt, FloatSqrt
+from rtl.pixels.block_packer import BlockPacker
+from rtl.pixels.block_unpacker import BlockUnpacker
+from rtl.pixels.frame_packer import FramePacker
 from rtl.sort_tmu.chunk_sorter import ChunkSorter
 from rtl.sort_tmu.handover import DoubleBuffer, LineBuffer, handover
 from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
@@ -167,6 +170,9 @@ UNITS: dict[str, Unit] = {
     "batch_buffer": Unit(lambda config: BatchBuffer(_of_supertiles(config)),
                          "splat records of super-tiles in batches, dealt to their tiles"),
     "pixel_writer": Unit(PixelWriter, "finished rows of pixels to the frame in memory"),
+    "block_packer": Unit(BlockPacker, "blocks of pixels into beats of a packed frame"),
+    "frame_packer": Unit(FramePacker, "finished rows of pixels to a packed frame in memory"),
+    "block_unpacker": Unit(BlockUnpacker, "beats of a packed frame back to pixels, for a display"),
     "warp_divider": Unit(disparity_divider, "the divider that makes disparity from depth"),
     "warp_unit": Unit(lambda config: WarpUnit(config.with_(stereo=True)),
                       "the source eye's pixels to the target eye's frame"),

@@ -19,6 +19,7 @@ from tb.culling import colour_suite as colour
 from tb.culling import projection_suite as projection
 from tb.culling import tile_test_suite as tiles
 from tb.float import suite as float_units
+from tb.pixels import packer_suite, unpacker_suite
 from tb.sort_tmu import chunk_suite as chunks
 from tb.sort_tmu import handover_suite as handover
 from tb.sort_tmu import hierarchical_suite
@@ -55,12 +56,15 @@ UNITS = {
     "pair_colour": {"pair_colour": pair_colour},
     "batch": {"batch": batch_suite},
     "batch_array": {"batch_array": batch_array},
+    "frame_packer": {"frame_packer": packer_suite},
+    "frame_unpacker": {"block_unpacker": unpacker_suite},
 }
 """The suites of each test. float: the float units; chunk_test: the chunk test; chunk_reader: the reader of chunks and the
 decode unit; culling: near test and projection, tile test, colours; lists: tile lists in memory; tmu: the tile merge unit; sort:
 the sorters and the handover to the array; vrc: splat fetch, array and pixel writer; warp: the warp unit; axi: the bus and the
 registers; top: the whole machine. Of machines with super-tiles, supertile_test: clip and tile test; pair_lists: lists;
-record_fetch: the records of pairs; pair_colour: colours; batch: the batch buffer; batch_array: the array."""
+record_fetch: the records of pairs; pair_colour: colours; batch: the batch buffer; batch_array: the array. Of packed frames,
+frame_packer: rows of pixels to memory; frame_unpacker: back to pixels."""
 
 
 EXAMPLES = """\

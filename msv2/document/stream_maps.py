@@ -19,6 +19,7 @@ from rtl.shapes import layout
 from spec.chunks import CHUNK_RECORDS
 from spec.config import AcceleratorConfig
 from spec.memory import MEMORY_RECORDS
+from spec.packed import PACKED_RECORDS
 from spec.records import RECORDS, Record
 
 Records = Sequence[tuple[data.StructLayout, Record]]
@@ -84,7 +85,7 @@ def known_records(config: AcceleratorConfig) -> list[tuple[data.StructLayout, Re
     configs = [config] if config.stereo or not config.depth else [config, config.with_(stereo=True)]
     if not config.compact:
         configs.append(config.with_(order="spatial", chunks=True, records="compact"))
-    makers = [(make, one) for one in configs for make in (*RECORDS, *MEMORY_RECORDS, *CHUNK_RECORDS)]
+    makers = [(make, one) for one in configs for make in (*RECORDS, *MEMORY_RECORDS, *CHUNK_RECORDS, *PACKED_RECORDS)]
     return [(layout(record), record) for record in (make(one) for make, one in makers)]
 
 

@@ -143,6 +143,8 @@ STUDIES = (
            Report("--rtl --keep", ("model_rtl.json",), 50, SCENES))),
     Study("order", "msv2.studies.results.study", "how far the machine's order of splats is from the exact one",
           (Report("--keep", ("order.json",), 3, SCENES),), ("--only", "order")),
+    Study("packed_frames", "msv2.studies.packed_frames.study", "bytes of packed frames over those of unpacked ones",
+          (Report("--keep", _files("packed_frames", "json", "md"), 2, SCENES),)),
     Study("performance", "msv2.studies.performance.study", "machines on the same frames, a GPU's roofline too",
           (Report("--keep", (*_files("performance", "json", "md"), *(f"performance_{name}.png" for name in (
               "area", "bandwidth", "bars", "sweeps", "tiles", "timeline"))), 30, f"{SCENES}, runs in build/train"),)),

@@ -10,7 +10,7 @@ import pytest
 from rtl.units import UNITS
 from spec import registers
 from spec.sources import module_file
-from spec.stages import BY_NAME, EVERY_STAGE, STAGES, SUPERTILE_STAGES, StagePhase, watched
+from spec.stages import BY_NAME, EVERY_STAGE, PACKED_STAGES, STAGES, SUPERTILE_STAGES, StagePhase, watched
 from tb.sim import UNITS as TESTS
 
 NAMES = ("chunk_test", "chunk_read", "projection", "tile_test", "colour", "tile_lists_write", "tile_merge", "tile_lists_read",
@@ -23,7 +23,7 @@ def test_the_stages_in_the_order_of_the_data():
         phases = [stage.phase for stage in table]
         assert phases == sorted(phases, key=list(StagePhase).index)
     names = [stage.name for stage in EVERY_STAGE]
-    assert len(set(names)) == len(names) and set(EVERY_STAGE) == {*STAGES, *SUPERTILE_STAGES}
+    assert len(set(names)) == len(names) and set(EVERY_STAGE) == {*STAGES, *SUPERTILE_STAGES, *PACKED_STAGES}
 
 
 @pytest.mark.parametrize("stage", EVERY_STAGE, ids=lambda stage: stage.name)
@@ -31,7 +31,8 @@ def test_every_module_that_a_stage_names_exists(stage):
     for name in (*stage.golden, *stage.rtl, *stage.suites):
         assert module_file(name), f"{stage.name}: {name}"
     assert stage.rtl and stage.units and stage.title and stage.does.endswith(".")
-    assert all(name.startswith(("golden.msv2_ref.", "golden.host.compact")) for name in stage.golden) and stage.suites
+    known = ("golden.msv2_ref.", "golden.host.compact", "golden.host.packed_frame")
+    assert all(name.startswith(known) for name in stage.golden) and stage.suites
 
 
 @pytest.mark.parametrize("stage", EVERY_STAGE, ids=lambda stage: stage.name)

@@ -18,6 +18,7 @@ from spec.compact import COMPACT_RECORDS
 from spec.config import CONFIGS, PAPER, V3, V3_RECORDS, NumberFormats
 from spec.errors import InputError
 from spec.memory import MEMORY_RECORDS
+from spec.packed import PACKED_RECORDS, PackedError
 from spec.paths import ROOT
 from spec.records import RECORDS, list_group
 from spec.supertiles import SUPERTILE_RECORDS
@@ -61,6 +62,11 @@ def test_everything_is_on_the_page():
         record = make(V3)
         assert f"### {record.name}: {record.width} bits" in page
         assert all(f"| `{f.name}` |" in page for f in record.fields)
+    for make in PACKED_RECORDS:
+        record = make(PAPER)
+        assert f"### {record.name}: {record.width} bits" in page
+        assert all(f"| `{f.name}` |" in page for f in record.fields)
+    assert all(f"| {error.value} | `{error.name}` |" in page for error in PackedError)
     assert all(f"| `{name}` |" in page for name in vars(constants) if name.isupper())
     assert f"| parameter | {' | '.join(CONFIGS)} |" in page
 
@@ -79,7 +85,7 @@ def test_bit_ranges_of_each_record_are_contiguous():
     grown = [make for make in makes for config in larger if make(config) != make(PAPER)]
     changed = sum(formats.layout(make, V3) != formats.layout(make, V3_RECORDS) for make in (*makes, *CHUNK_RECORDS))
     assert checked == (len(makes) + len(CHUNK_RECORDS) + len(COMPACT_RECORDS) + len(grown) + len(SUPERTILE_RECORDS)
-                       + len([list_group]) + changed)
+                       + len(PACKED_RECORDS) + len([list_group]) + changed)
     assert changed >= 3  # SurvivingSplat, FrameSettings, HeaderItem
 
 

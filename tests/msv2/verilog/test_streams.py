@@ -22,6 +22,7 @@ from spec.chunks import CHUNK_RECORDS
 from spec.config import PAPER, TINY, AcceleratorConfig
 from spec.formats import Fixed
 from spec.memory import MEMORY_RECORDS
+from spec.packed import PACKED_RECORDS
 from spec.paths import ROOT
 from spec.records import RECORDS, Record
 
@@ -33,7 +34,7 @@ def record_named(name: str, config: AcceleratorConfig, bits: int) -> Record:
     """The record of that name, and of that width where it is not 0. Units of chunks and compact records are made of a machine
     that has both."""
     chunked = config.with_(order="spatial", chunks=True, records="compact")
-    return next(record for one in (config, chunked) for make in (*RECORDS, *MEMORY_RECORDS, *CHUNK_RECORDS)
+    return next(record for one in (config, chunked) for make in (*RECORDS, *MEMORY_RECORDS, *CHUNK_RECORDS, *PACKED_RECORDS)
                 if (record := make(one)).name == name and bits in (0, record.width))
 
 

@@ -1,0 +1,1 @@
+"""What packed frames (`spec.packed`) save on frames of real scenes."""

@@ -1,0 +1,95 @@
+"""Frames whose blocks have every size, in the array's form, and the memory writes that pack them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from golden.msv2_ref.frame_memory import displayed
+from golden.msv2_ref.frame_packing import PackedFrame, display_bytes, pack_frame
+from spec.config import AcceleratorConfig
+from spec.constants import TILE
+from spec.memory import BEAT_BITS, WORDS, frame_pixel, write_request
+from spec.packed import BLOCKS, ENTRIES, SLOT_BEATS
+from tb.vrc_array.pixel_writer_stimuli import random_pixels
+
+_EVERY_WORD = (1 << WORDS) - 1
+
+
+def graded_pixels(
+    config: AcceleratorConfig, rng: np.random.Generator, width: int, height: int, most: float = 8.0,
+) -> np.ndarray:
+    """(height, width) FramePixel records on a slope, with noise that grows from left to right: of up to 2^most of the 256
+    values of the format for displays. So the blocks on the left are small, and those on the right plain."""
+    n, out = config.formats, random_pixels(config, rng, width, height)
+    y, x = np.indices((height, width))
+    amplitude = np.ceil(2 ** (most * (x + 1) / width)).astype(np.int64)
+    for name, number, count in (("colour", n.accumulator, 3), ("transmittance", n.transmittance, 1)):
+        slope = rng.integers(-3, 4, (2, count))
+        noise = rng.integers(0, 1 << 16, (height, width, count)) % amplitude[..., None]
+        values = (x[..., None] * slope[0] + y[..., None] * slope[1] + noise) % 256
+        raw = np.minimum((values << number.frac_bits) // 255, number.raw_max)
+        out[name] = raw if count > 1 else raw[..., 0]
+    return out
+
+
+def uniform_pixels(config: AcceleratorConfig, rng: np.random.Generator, width: int, height: int) -> np.ndarray:
+    """(height, width) FramePixel records of one colour, whose blocks take a beat each."""
+    out = np.zeros((height, width), frame_pixel(config).dtype)
+    for name in ("colour", "transmittance"):
+        out[name] = random_pixels(config, rng, 1, 1)[name][0, 0]
+    return out
+
+
+def packed_pixels(config: AcceleratorConfig, frame: np.ndarray) -> PackedFrame:
+    """A frame of FramePixel records, packed."""
+    return pack_frame(display_bytes(displayed(config, frame)))
+
+
+def tile_order(rows: np.ndarray, columns: int) -> list[int]:
+    """The numbers of the tiles of PixelRow items, in the order in which they come."""
+    return list(dict.fromkeys((rows["tile_y"].astype(np.int64) * columns + rows["tile_x"]).tolist()))
+
+
+def shuffled_tiles(rng: np.random.Generator, rows: np.ndarray, columns: int) -> np.ndarray:
+    """The same PixelRow items with their tiles in any order."""
+    number = rows["tile_y"].astype(np.int64) * columns + rows["tile_x"]
+    return np.concatenate([rows[number == tile] for tile in rng.permutation(number.max() + 1)])
+
+
+def packed_writes(config: AcceleratorConfig, frame: PackedFrame, tiles: list[int], base: int) -> np.ndarray:
+    """(N,) WriteRequest items of a packed frame whose tiles come in this order.
+
+    A beat of the table follows the last of its entries, or stands before the last beat of the first block whose entry lies in
+    another one, or at the end.
+    """
+    columns, count = -(-frame.width // TILE), len(frame.sizes)
+    table = base + SLOT_BEATS * BLOCKS * columns * -(-frame.height // TILE)
+    entries, out = frame.entries(), []
+    arrived: set[int] = set()
+
+    def flush() -> None:
+        if arrived:
+            first = min(arrived) // ENTRIES * ENTRIES
+            words = [sum(int(entries[n]) << 16 * (n % 2) for n in (first + 2 * w, first + 2 * w + 1) if n in arrived)
+                     for w in range(WORDS)]
+            out.append((table + first // ENTRIES, words, sum({1 << (n - first) // 2 for n in arrived})))
+            arrived.clear()
+
+    for block in (BLOCKS * tile + part for tile in tiles for part in range(BLOCKS)):
+        size = int(frame.sizes[block])
+        for beat in range(size):
+            if beat == size - 1 and arrived and min(arrived) // ENTRIES != block // ENTRIES:
+                flush()
+            out.append((base + SLOT_BEATS * block + beat, frame.slots[block, beat].view("<u4").tolist(), _EVERY_WORD))
+        if not size and arrived and min(arrived) // ENTRIES != block // ENTRIES:
+            flush()
+        arrived.add(block)
+        if len(arrived) == ENTRIES:
+            flush()
+    assert len(tiles) < count // BLOCKS or len({*tiles}) == count // BLOCKS
+    flush()
+    rows = np.zeros(len(out), write_request(config).dtype)
+    for name, column in zip(("beat", "word", "strobe"), zip(*out, strict=True), strict=True):
+        rows[name] = column
+    rows["beat"] %= 1 << BEAT_BITS
+    return rows
