@@ -120,8 +120,8 @@ def _lockstep(content: Mapping) -> str:
     return (
         f"The paper's base has double buffers between stages, and merging and pipelining together are {PAPER['speedup']:.2f} "
         "times as fast. Its text gives neither the sorter's rate nor the rule by which buffers swap, so that how long it waits "
-        f"is a matter of reading. `{LOCKSTEP.name}` is ours, in RTL and in the cycle model: one tile in each half before and behind "
-        "the sorter, swapped when all stages are done.\n\n" + table(head, rows) +
+        f"is a matter of reading. `{LOCKSTEP.name}` is ours, in RTL and in the cycle model: one tile in each half before and "
+        "behind the sorter, swapped when all stages are done.\n\n" + table(head, rows) +
         "\n\nRendering phase. The first columns count the cycles of sorter and array alone, without latencies and memory, over "
         "those of the busier one: " + "; ".join(f"*{name}*: {what}" for name, what in READINGS.items()) + ". The last ones "
         "are of the cycle model.")
