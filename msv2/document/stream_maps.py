@@ -20,7 +20,8 @@ from spec.chunks import CHUNK_RECORDS
 from spec.config import AcceleratorConfig
 from spec.memory import MEMORY_RECORDS
 from spec.packed import PACKED_RECORDS
-from spec.records import RECORDS, Record
+from spec.records import RECORDS, Record, list_group
+from spec.supertiles import SUPERTILE_RECORDS
 
 Records = Sequence[tuple[data.StructLayout, Record]]
 
@@ -80,12 +81,18 @@ def documented(component: wiring.Component) -> dict[str, str]:
 
 
 def known_records(config: AcceleratorConfig) -> list[tuple[data.StructLayout, Record]]:
-    """Layouts and their records; those of machines with stereo and with compact chunks too, as some of their units can be made
-    by themselves."""
-    configs = [config] if config.stereo or not config.depth else [config, config.with_(stereo=True)]
+    """Layouts and their records; those of machines with stereo, with compact chunks and with lists by super-tile too, as some
+    of their units can be made by themselves."""
+    configs = [config]
+    if config.depth and not config.stereo and not config.supertiles:
+        configs.append(config.with_(stereo=True, lockstep=False))
     if not config.compact:
         configs.append(config.with_(order="spatial", chunks=True, records="compact"))
+    if not config.supertiles:
+        configs.append(config.with_(
+            order="spatial", chunks=True, records="compact", lists="supertile", stereo=False, lockstep=False))
     makers = [(make, one) for one in configs for make in (*RECORDS, *MEMORY_RECORDS, *CHUNK_RECORDS, *PACKED_RECORDS)]
+    makers += [(make, one) for one in configs if one.supertiles for make in (*SUPERTILE_RECORDS, list_group)]
     return [(layout(record), record) for record in (make(one) for make, one in makers)]
 
 

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from msv2.verilog.export import Export, export
+from msv2.verilog.export import Export, default_prefix, export
 from rtl.emit import to_verilog
 from rtl.sort_tmu.tile_merge import TileMergeUnit
 from rtl.units import TOP, UNITS
-from spec.config import PAPER, TINY
+from spec.config import PAPER, SUPERTILES, TINY, TINY_SUPERTILES, AcceleratorConfig
 from spec.errors import InputError
 from spec.registers import register_map
 
@@ -69,17 +69,20 @@ def test_two_configurations_compile_together(unit: str, tmp_path: Path) -> None:
     assert lint(*both) == ""
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("stereo", [False, True])
-def test_the_whole_machine(stereo: bool, tmp_path: Path) -> None:
-    one = export(TINY.with_(stereo=stereo), tmp_path)
+@pytest.mark.parametrize("config", [
+    pytest.param(TINY, id="tiny", marks=pytest.mark.long),
+    pytest.param(TINY.with_(stereo=True), id="two eyes", marks=pytest.mark.long),
+    pytest.param(TINY_SUPERTILES, id="super-tiles", marks=pytest.mark.slow),
+    pytest.param(SUPERTILES, id="super-tiles at the paper's sizes", marks=pytest.mark.long)])
+def test_the_whole_machine(config: AcceleratorConfig, tmp_path: Path) -> None:
+    one = export(config, tmp_path)
     assert lint(one) == ""
     if shutil.which("iverilog"):
         compile_with_icarus(tmp_path, one)
-    assert {path.name.removeprefix(f"tiny_{'stereo_' if stereo else ''}") for path in one.documents} == {
+    assert {path.name.removeprefix(default_prefix(config)) for path in one.documents} == {
         "registers.md", "msv2_registers.h", "msv2_registers.rdl", "msv2_registers.svd"}
     header = one.documents[1].read_text()
-    assert all(f"#define MSV2_{r.name.upper()} 0x{r.offset:03X}u" in header for r in register_map(TINY.with_(stereo=stereo)))
+    assert all(f"#define MSV2_{r.name.upper()} 0x{r.offset:03X}u" in header for r in register_map(config))
 
 
 @pytest.mark.long

@@ -14,17 +14,18 @@ from amaranth.hdl import signed, unsigned
 from amaranth.lib import data
 
 from msv2.document import streams as streams_document
-from msv2.document.stream_maps import StreamPort, fields_of, integer_format, stream_ports
+from msv2.document.stream_maps import StreamPort, fields_of, integer_format, known_records, stream_ports
 from msv2.verilog.export import Export, export
 from rtl.emit import to_rtlil
 from rtl.units import TOP, UNITS
 from spec.chunks import CHUNK_RECORDS
-from spec.config import PAPER, TINY, AcceleratorConfig
+from spec.config import MACHINES, PAPER, SUPERTILES, TINY, AcceleratorConfig
 from spec.formats import Fixed
 from spec.memory import MEMORY_RECORDS
 from spec.packed import PACKED_RECORDS
 from spec.paths import ROOT
-from spec.records import RECORDS, Record
+from spec.records import RECORDS, Record, list_group
+from spec.supertiles import SUPERTILE_RECORDS
 
 Map = dict[str, tuple[int, int, str]]
 """Highest bit, lowest bit and format of each field."""
@@ -32,10 +33,19 @@ Map = dict[str, tuple[int, int, str]]
 
 def record_named(name: str, config: AcceleratorConfig, bits: int) -> Record:
     """The record of that name, and of that width where it is not 0. Units of chunks and compact records are made of a machine
-    that has both."""
+    that has both, and those of super-tiles of one that has these too."""
     chunked = config.with_(order="spatial", chunks=True, records="compact")
-    return next(record for one in (config, chunked) for make in (*RECORDS, *MEMORY_RECORDS, *CHUNK_RECORDS, *PACKED_RECORDS)
-                if (record := make(one)).name == name and bits in (0, record.width))
+    makers = [(make, one) for one in (config, chunked)
+              for make in (*RECORDS, *MEMORY_RECORDS, *CHUNK_RECORDS, *PACKED_RECORDS)]
+    makers += [(make, chunked.with_(lists="supertile", stereo=False)) for make in (*RECORDS, *SUPERTILE_RECORDS, list_group)]
+    return next(record for make, one in makers if (record := make(one)).name == name and bits in (0, record.width))
+
+
+@pytest.mark.parametrize("config", MACHINES.values(), ids=MACHINES)
+def test_every_machine_has_records_for_its_streams(config: AcceleratorConfig) -> None:
+    """Those of machines that it cannot be changed into are left out, so that the Verilog of each can be written."""
+    names = {record.name for _, record in known_records(config)}
+    assert {make(config).name for make in RECORDS} | {make(SUPERTILES).name for make in SUPERTILE_RECORDS} <= names
 
 
 def known_row(record: Record, seed: int) -> np.ndarray:
