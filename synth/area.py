@@ -28,6 +28,9 @@ from synth.settings import MOST_RUNS, Settings
 MEMORY_NODE = "asap7"
 """Technology of the macros' areas. With another one, a memory is given the area that scales to the same area at 16 nm."""
 
+CORES = ("pixel_core", "batch_core")
+"""Modules that are a pixel core, of which a machine has one: the second's state can be loaded."""
+
 _UM2_PER_MM2 = 1e6
 
 
@@ -147,7 +150,7 @@ class AreaReport:
     def core_um2_16nm(self) -> float:
         """Area of the array and its setup unit per pixel core, in um^2 at 16 nm; without blending and memories."""
         array = sum(row.logic_um2_16nm for row in self.rows if row.group == GROUPS[0])
-        return array / self.modules["pixel_core"]["count"]
+        return array / sum(self.modules[core]["count"] for core in CORES if core in self.modules)
 
     def worst_slack_ps(self) -> float | None:
         """The smallest slack of all units that are timed."""
@@ -277,7 +280,8 @@ def _unit_row(
     logic = sum(count * part["area"] for part, count in counted)
     held = [row for row in memories if row.unit == (path or TOP) and row.area_um2_16nm]
     area = [row.area_um2 for row in held]
-    note = f"{shared['pixel_core']} equal cores, one synthesised; slack of the slowest module" if "pixel_core" in shared else ""
+    cores = sum(shared[core] for core in CORES)
+    note = f"{cores} equal cores, one synthesised; slack of the slowest module" if cores else ""
     slack = parts[name]["timed"]["slack_ps"]
     if slack is None:  # the unit is too large to be timed as a whole, or mere wiring
         slack = min((parts[module]["slack_ps"] for module in shared if parts[module]["slack_ps"] is not None), default=None)

@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from rtl.units import TOP, UNITS
-from spec.config import PAPER, PAPER_SMALL, AcceleratorConfig
+from spec.config import PAPER, PAPER_SMALL, V3, AcceleratorConfig
 
 SYNTHESISED = tuple(name for name in UNITS if name != TOP)
 """Units that are synthesised by their names. The whole machine is synthesised unit by unit (`synth.area`)."""
 
 _OF_PAPER_SMALL = ("pixel_core", "vrc_row")
+
+_OF_SUPERTILES = (
+    "chunk_header_reader", "chunk_reader", "geometry_decode", "level_bounds", "chunk_test", "supertile_clip", "supertile_test",
+    "pair_colour", "depth_buckets", "pair_writer", "supertile_reader", "record_fetch", "batch_buffer", "batch_array")
+"""Units that only machines with chunks or with lists by super-tile have."""
 
 _CULLING = {f"culling_units={units}": PAPER.with_(culling_units=units) for units in (4, 2, 1)}
 
@@ -38,4 +43,4 @@ blocks of all other units are chosen from the slack (`synth.report`).
 
 def config_of(unit: str) -> AcceleratorConfig:
     """The configuration that a unit is reported for."""
-    return PAPER_SMALL if unit in _OF_PAPER_SMALL else PAPER
+    return PAPER_SMALL if unit in _OF_PAPER_SMALL else V3 if unit in _OF_SUPERTILES else PAPER

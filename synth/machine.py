@@ -36,22 +36,32 @@ UNIT_GROUPS = {
     "geometry": CONTROL, "geometry.reader": LISTS, "geometry.loader": LISTS, "geometry.projection": CULLING,
     "geometry.headers": LISTS, "geometry.bounds": CULLING, "geometry.chunk_test": CULLING,
     "geometry.tile_test": CULLING, "geometry.colour": COLOUR, "geometry.writer": LISTS, "geometry.saturations": CONTROL,
+    "geometry.path": CULLING, "geometry.path.projection": CULLING, "geometry.path.clip": CULLING,
+    "geometry.path.tile_test": CULLING, "geometry.path.saturations": CONTROL, "geometry.buckets": LISTS,
     "render": CONTROL, "render.tile_merge": SORTING, "render.fork": LISTS, "render.reader": LISTS, "render.headers": LISTS,
     "render.sorter": SORTING, "render.sorter.sorter": SORTING, "render.sorter.writer": SORTING,
     "render.sorter.reader": SORTING, "render.sorter.tree": SORTING, "render.handover": SORTING,
     "render.fetch": LISTS, "render.array": ARRAY, "render.array.setup": ARRAY, "render.array.sequencer": ARRAY,
     "render.array.expand": ARRAY, "render.array.collect": BLENDING, "render.writer": LISTS,
     "render.broadcast": WARP, "render.warp": WARP,
+    "render.supertiles": LISTS, "render.supertile_fork": LISTS, "render.queue": LISTS, "render.lists": LISTS,
+    "render.colour": COLOUR, "render.saturations": CONTROL, "render.batches": BLENDING, "render.array.state": BLENDING,
 }
 """The group of each unit, by the unit's path below the machine. A frame around other units is the logic left between them."""
 
 CHUNK_UNITS = ("queue_chunks", "geometry.headers", "geometry.bounds", "geometry.chunk_test")
 """Units that only machines with chunks have."""
 
-FRAMES = ("", "geometry", "render")
+SUPERTILE_UNITS = (
+    "geometry.path", "geometry.path.projection", "geometry.path.clip", "geometry.path.tile_test", "geometry.path.saturations",
+    "geometry.buckets", "render.supertiles", "render.supertile_fork", "render.queue", "render.lists", "render.colour",
+    "render.saturations", "render.batches", "render.array.state")
+"""Units that only machines with lists by super-tile have."""
+
+FRAMES = ("", "geometry", "geometry.path", "render")
 """Units of which every direct submodule must be a unit, too."""
 
-UNTIMED = ("", "geometry", "render", "render.array")
+UNTIMED = ("", "geometry", "geometry.path", "render", "render.array")
 """Units that are little more than wiring around large units; timing them would mean timing most of the machine at once."""
 
 

@@ -161,7 +161,7 @@ class GatherPhase(wiring.Component):
         """Holds lists back until `start`, sends them to both readers, and each super-tile to the batch buffer and out."""
         m.submodules.fork = fork = Fork(self.listed.payload.shape())
         m.submodules.supertiles = made = SuperTileReader(self.config)
-        m.submodules.broadcast = broadcast = Broadcast(made.supertiles.payload.shape())
+        m.submodules.supertile_fork = broadcast = Broadcast(made.supertiles.payload.shape())
         m.submodules.queue = queue = SyncFIFOBuffered(width=made.supertiles.payload.shape().size, depth=SUPERTILES_AHEAD)
         connect_settings(m, self, made)
         counted, open_ = Signal(), Signal()
