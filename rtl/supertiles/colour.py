@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, Mux, Value
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -45,7 +45,8 @@ class PairColour(wiring.Component):
         data: the pairs' beats, in order: CompactColour, and CompactHarmonics where `sh_degree` is not 0. They may come before
             or after their survivors. `error` is not looked at: who reads memory reports errors.
         places: BatchPlace items, pair by pair, for each pair the lowest level first.
-        sh_degree: setting of the frame, at most the parameter; changes only while the unit is empty.
+        sh_degree: setting of the frame, at most the parameter; changes only while the unit is empty, and a cycle before the
+            first pair or beat of the frame is offered.
 
     Throughput: one pair every `splat_interval` cycles, with degree 0 every cycle, or a cycle for each of its levels where those
     are more. Latency from the transfer of a pair to its first place: that of the datapath, plus the degree's steps and 7
@@ -89,7 +90,8 @@ class PairColour(wiring.Component):
             return m
         m.submodules.path, m.submodules.sum = path, total = self._path, self._sum
         wiring.connect(m, path.source, total.basis)
-        shaded = self.sh_degree.any()
+        shaded = Signal(reset_less=True)  # from a register, because it selects hundreds of bits before the sums of PairPlaces
+        m.d.sync += shaded.eq(self.sh_degree.any())
         m.d.comb += [
             total.sh_degree.eq(self.sh_degree),
             Value.cast(path.sink.payload.carried).eq(carried),
