@@ -13,10 +13,10 @@ import pytest
 
 pytest.importorskip("pyosys.libyosys", reason="needs the extra `synth`")
 
-from msv2.studies.area import study
+from msv2.studies.area import replaced, study
 from msv2.studies.area.page import page
 from rtl.top.machine import Machine
-from spec.config import TINY
+from spec.config import TINY, TINY_V3, AcceleratorConfig
 from synth import area, machine, macros
 from synth.design import Design, elaborate
 from synth.liberty import ASAP7, PDK_VARIABLE
@@ -26,18 +26,21 @@ from synth.scaling import TO_16NM, same_clock
 pytestmark = pytest.mark.slow  # the first test of a process emits the machine, whichever that is
 
 TWO_EYES = TINY.with_(stereo=True, order="spatial", chunks=True, records="compact")
-"""The small machine with every unit."""
+"""The small machine with every unit of those with lists by tile."""
+
+EVERY = {"two eyes": TWO_EYES, "super-tiles": TINY_V3}
+"""Machines that have every unit between them."""
 
 
 @cache
-def emitted() -> Design:
-    """The small machine with every unit as it is emitted."""
-    return elaborate(Machine(TWO_EYES), machine.TOP)
+def emitted(config: AcceleratorConfig = TWO_EYES) -> Design:
+    """A machine as it is emitted."""
+    return elaborate(Machine(config), machine.TOP)
 
 
 @cache
-def cut() -> Design:
-    return machine.cut(emitted())
+def cut(config: AcceleratorConfig = TWO_EYES) -> Design:
+    return machine.cut(emitted(config))
 
 
 def instances(design: Design) -> Counter[str]:
@@ -58,30 +61,37 @@ def modules_in(text: str) -> list[str]:
     return [re.sub(r"\$\d+", "", name).replace("__", ".") for name in re.findall(r"(?m)^module \\(\S+)", text)]
 
 
-def test_every_module_is_in_one_unit_as_often_as_in_the_machine() -> None:
+@pytest.mark.parametrize("name", EVERY)
+def test_every_module_is_in_one_unit_as_often_as_in_the_machine(name: str) -> None:
     """The emitted hierarchy, walked instance by instance, against the units' texts and their counts of shared modules."""
-    design, units = cut(), [machine.label(path) for path in machine.UNIT_GROUPS]
+    config = EVERY[name]
+    design = cut(config)
+    units = [machine.label(path) for path in machine.UNIT_GROUPS if machine.label(path) in design.texts]
     found: Counter[str] = Counter()
     for unit in units:
         counts = Counter({unit: 1}) + area.shared_in(design, unit)
         for name, count in counts.items():
             for module in modules_in(design.texts[name]):
                 found[module] += count
-    assert found == Counter({name.replace("__", "."): count for name, count in instances(emitted()).items()})
-    assert found["pixel_core"] == TINY.cores_x * TINY.cores_y
+    assert found == Counter({name.replace("__", "."): count for name, count in instances(emitted(config)).items()})
+    assert found["batch_core" if config.supertiles else "pixel_core"] == TINY.cores_x * TINY.cores_y
 
 
 @pytest.mark.slow  # where it is the first that asks for it, it elaborates a machine
 def test_units_are_all_there() -> None:
-    assert {path for path in machine.UNIT_GROUPS if machine.label(path) in cut().texts} == set(machine.UNIT_GROUPS)
+    found = {name: {path for path in machine.UNIT_GROUPS if machine.label(path) in cut(config).texts}
+             for name, config in EVERY.items()}
+    assert found["two eyes"] | found["super-tiles"] == set(machine.UNIT_GROUPS)
+    assert found["super-tiles"] - found["two eyes"] == set(machine.SUPERTILE_UNITS)
+    assert found["super-tiles"] > set(machine.CHUNK_UNITS)
 
 
 @pytest.mark.long
 def test_a_machine_for_one_eye_has_no_warp_unit() -> None:
     one = machine.cut(elaborate(Machine(TINY), machine.TOP))
     missing = {path for path in machine.UNIT_GROUPS if machine.label(path) not in one.texts}
-    assert missing > set(machine.CHUNK_UNITS)
-    missing -= set(machine.CHUNK_UNITS)
+    assert missing > {*machine.CHUNK_UNITS, *machine.SUPERTILE_UNITS}
+    missing -= {*machine.CHUNK_UNITS, *machine.SUPERTILE_UNITS}
     assert {machine.UNIT_GROUPS[path] for path in missing} == {machine.WARP} and len(missing) == 2
 
 
@@ -174,7 +184,25 @@ def test_the_page_is_the_reports() -> None:
     logic = kept["split"]["array"] + kept["split"]["other logic"]
     assert kept["builds"]["1ghz"]["mm2_16nm_logic"] == pytest.approx(logic, abs=2e-4)
     units = {row["unit"] for row in kept["rows"]}
-    assert units == {path or machine.TOP for path in machine.UNIT_GROUPS if path not in machine.CHUNK_UNITS}
+    more = {*machine.CHUNK_UNITS, *machine.SUPERTILE_UNITS}
+    assert units == {path or machine.TOP for path in machine.UNIT_GROUPS if path not in more}
+
+
+@pytest.mark.skipif(not (study.REPORTS / "area.json").exists(), reason="make report-area has not been run")
+def test_parts_of_both_machines_add_up_to_their_builds() -> None:
+    """Every unit is in one part; those of the machine with lists by tile are of an array for two eyes, hence the tolerance."""
+    kept = json.loads((study.REPORTS / "area.json").read_text())
+    old, new = (sum(sum(row[side]) for row in replaced.parts(kept)) / 1e6 for side in (1, 2))
+    assert new == pytest.approx(kept["builds"]["v3"]["mm2_16nm"], abs=2e-4)
+    assert old == pytest.approx(kept["builds"]["mono"]["mm2_16nm"], rel=0.02)
+
+
+@pytest.mark.skipif(not (study.REPORTS / "area.json").exists(), reason="make report-area has not been run")
+def test_a_unit_without_a_part_is_named() -> None:
+    kept = json.loads((study.REPORTS / "area.json").read_text())
+    kept["builds"]["v3"]["units"][0]["unit"] = "render.other"
+    with pytest.raises(ValueError, match=r"not .*render\.other.* besides"):
+        replaced.parts(kept)
 
 
 @pytest.fixture

@@ -3,10 +3,11 @@
     area = estimate_area(config)
     area.mm2, area.synthesised, area.groups["sorting and tile merging"].memory_um2
 
-An estimate begins with PAPER's build of reports/area.json, with or without the warp unit. The logic of a group is scaled by
-what the configuration changes in it (`_logic`). Memories are taken from the table of shapes (`msv2.studies.area.stores`) and
-built of macros as in synthesis (`synth.macros`), so that a larger cache costs the area of its lines and tags. For PAPER with
-the presets' formats, which was synthesised, the estimate is within 1 % of the builds
+An estimate begins with PAPER's build of reports/area.json, with or without the warp unit, or for lists by super-tile with the
+build `v3`. The logic of a group is scaled by what the configuration changes in it (`_logic`). Machines with chunks and lists
+by tile get the logic that reads and tests chunks from the build `v3` (`_chunk_units`). Memories are taken from the table of
+shapes (`msv2.studies.area.stores`) and built of macros as in synthesis (`synth.macros`), so that a larger cache costs the
+area of its lines and tags. For PAPER with the presets' formats, which was synthesised, the estimate is within 1 % of the builds
 (tests/msv2/studies/area/test_estimate.py). Areas are in um^2 at 16 nm.
 """
 
@@ -17,11 +18,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cache
 
+from msv2.studies.area.replaced import SUPERTILE_LISTS
 from msv2.studies.area.stores import stores
-from spec.config import PAPER, PRESETS, AcceleratorConfig, NumberFormats
+from spec.config import PAPER, PRESETS, V3, AcceleratorConfig, NumberFormats
 from spec.errors import InputError
 from spec.paths import REPORTS
-from synth.machine import ARRAY, BLENDING, COLOUR, CONTROL, CULLING, GROUPS, SORTING, WARP
+from synth.machine import ARRAY, BLENDING, COLOUR, CONTROL, CULLING, GROUPS, LISTS, SORTING, WARP
 from synth.macros import FLOP_UM2, MUX_UM2, make
 from synth.memories import Macro
 from synth.scaling import TO_16NM
@@ -32,7 +34,7 @@ SHORTENED = {
     name: PAPER.with_(name=name, formats=config.formats, sh_degree=config.sh_degree) for name, config in PRESETS.items()}
 """PAPER with the formats and the SH degree of each preset, by the preset's name."""
 
-BUILDS = {"mono": PAPER, "1ghz": PAPER.with_(stereo=True), **SHORTENED}
+BUILDS = {"mono": PAPER, "1ghz": PAPER.with_(stereo=True), SUPERTILE_LISTS: V3, **SHORTENED}
 """The builds of the area report at 1 GHz in ASAP7, and their machines."""
 
 SYNTHESISED, ESTIMATE = "synthesised", "estimate"
@@ -40,6 +42,9 @@ SYNTHESISED, ESTIMATE = "synthesised", "estimate"
 
 NO_AREA = ("name", "support_sigma", "warp_fill", "warp_veiled")
 """Fields without an area: constants of a register or of a comparison, whose width does not depend on them."""
+
+_TESTING, _READING = ("geometry.bounds", "geometry.chunk_test"), ("geometry.headers", "geometry.reader", "queue_chunks")
+"""Units of chunks in the group of culling and in that of lists."""
 
 _TO_16NM = TO_16NM["asap7"].area
 _OPERATORS_OF_WORK = 0.8
@@ -106,11 +111,12 @@ def estimate_area(config: AcceleratorConfig) -> AreaEstimate:
     for name, build in BUILDS.items():
         if all(getattr(config, f.name) == getattr(build, f.name) for f in fields(config) if f.name not in NO_AREA):
             return AreaEstimate(_of_build(name), SYNTHESISED, name)
-    name = "1ghz" if config.stereo else "mono"
+    name = SUPERTILE_LISTS if config.supertiles else "1ghz" if config.stereo else "mono"
     build = BUILDS[name]
     base, here, there = _of_build(name), _memories(config), _memories(build)
+    chunks = _chunk_units() if config.chunks and not config.supertiles else {}
     groups = {
-        group: GroupArea(base[group].logic_um2 * _logic(group, config, build),
+        group: GroupArea(base[group].logic_um2 * _logic(group, config, build) + chunks.get(group, 0.0),
                          max(0.0, base[group].memory_um2 + here.get(group, 0.0) - there.get(group, 0.0)))
         for group in base}
     return AreaEstimate(groups, ESTIMATE, name)
@@ -140,6 +146,16 @@ def _logic(group: str, config: AcceleratorConfig, build: AcceleratorConfig) -> f
     scale = {ARRAY: _array, BLENDING: _blending, CULLING: _culling, COLOUR: _colour, SORTING: _sorting, CONTROL: _control,
              WARP: _warp}.get(group)
     return scale(config) / scale(build) if scale else 1.0
+
+
+def _chunk_units() -> dict[str, float]:
+    """Logic that chunks add to a group, in um^2 at 16 nm: the units of the build `v3`, less the reader in whose place they are.
+
+    The decoding of compact records is in them, so that a machine with chunks of wide records has somewhat less.
+    """
+    units = {row["unit"]: row["logic_um2_16nm"] for row in _report("area")["builds"][SUPERTILE_LISTS]["units"]}
+    return {CULLING: sum(units[unit] for unit in _TESTING),
+            LISTS: sum(units[unit] for unit in _READING) - _row("geometry.reader")["logic_um2_16nm"]}
 
 
 def _row(unit: str) -> Mapping[str, object]:

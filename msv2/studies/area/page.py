@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from msv2.studies.area import replaced
 from msv2.studies.page import table
 
 _WHY = {
@@ -29,8 +30,9 @@ def page(report: dict) -> str:
         f"{report['scaling_source']}.")
     sections = {
         "The paper and ours": _paper(report), "Builds and clocks": _builds(report) + "\n" + _clocks(report) + "\n",
-        "Frames at both clocks": _frames(report), "Groups": _groups(build), "Units": _units(report),
-        "Memories": _memories(report), "Slower than the clock": _late(report)}
+        "Frames at both clocks": _frames(report), "Groups": _groups(build),
+        "Lists by super-tile": replaced.section(report), "Units": _units(report), "Memories": _memories(report),
+        "Slower than the clock": _late(report)}
     parts = ["# Area", intro, "![area](area.png)", *(f"## {title}\n\n{text.rstrip()}" for title, text in sections.items())]
     return "\n\n".join(parts) + "\n"
 

@@ -18,10 +18,11 @@ from golden.scenes.files import read_json
 from msv2.studies.area.estimate import SHORTENED
 from msv2.studies.area.figure import draw
 from msv2.studies.area.page import page
+from msv2.studies.area.replaced import SUPERTILE_LISTS, units_of
 from msv2.studies.page import write_page
 from msv2.studies.record import commit, liberties, write_report
 from spec.command_line import command_parser
-from spec.config import PAPER, AcceleratorConfig
+from spec.config import PAPER, V3, AcceleratorConfig
 from spec.errors import InputError
 from spec.paths import REPORTS, ROOT
 from synth.area import AreaReport, machine_area
@@ -54,6 +55,7 @@ BUILDS = {
                        "another library's area, for a clock that scales to the same one at 16 nm"),
     "osu018": Build(TWO_EYES, "osu018", same_clock(CLOCK_PS, "asap7", "osu018"),
                     "a third one's; it has no clock gates, so enables are multiplexers"),
+    SUPERTILE_LISTS: Build(V3, "asap7", CLOCK_PS, "chunks of compact records and lists by super-tile, beside `mono`"),
     **{name: Build(config, "asap7", CLOCK_PS, f"`mono` with the formats and harmonics of `{name}`")
        for name, config in SHORTENED.items()},
 }
@@ -109,8 +111,11 @@ def measure(names: Sequence[str], folder: Path, jobs: int, runs: int, old: dict)
         stamp = commit()
         area = machine_area(build.config, build.technology, build.clock_ps, folder, jobs, _say, runs)
         builds[name] = {"commit": stamp, "runs": runs, **summary(area, build.about)}
+        found = area.as_json()
+        if name == SUPERTILE_LISTS:
+            builds[name]["units"] = [_rounded(row) for row in units_of(found["rows"])]
+            builds[name]["modules"] = {key: _rounded(value) for key, value in found["modules"].items()}
         if name == "1ghz":
-            found = area.as_json()
             rows = [{**row, "path": _ends(row["worst_path"])} for row in found["rows"]]
             report |= {"rows": [_rounded(row) for row in rows], "memories": [_rounded(row) for row in found["memories"]],
                        "modules": {key: _rounded(value) for key, value in found["modules"].items()},

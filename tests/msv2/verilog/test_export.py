@@ -16,7 +16,7 @@ from msv2.verilog.export import Export, default_prefix, export
 from rtl.emit import to_verilog
 from rtl.sort_tmu.tile_merge import TileMergeUnit
 from rtl.units import TOP, UNITS
-from spec.config import PAPER, SUPERTILES, TINY, TINY_SUPERTILES, AcceleratorConfig
+from spec.config import PAPER, TINY, TINY_V3, V3, AcceleratorConfig
 from spec.errors import InputError
 from spec.registers import register_map
 
@@ -72,8 +72,8 @@ def test_two_configurations_compile_together(unit: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("config", [
     pytest.param(TINY, id="tiny", marks=pytest.mark.long),
     pytest.param(TINY.with_(stereo=True), id="two eyes", marks=pytest.mark.long),
-    pytest.param(TINY_SUPERTILES, id="super-tiles", marks=pytest.mark.slow),
-    pytest.param(SUPERTILES, id="super-tiles at the paper's sizes", marks=pytest.mark.long)])
+    pytest.param(TINY_V3, id="super-tiles", marks=pytest.mark.slow),
+    pytest.param(V3, id="super-tiles at the paper's sizes", marks=pytest.mark.long)])
 def test_the_whole_machine(config: AcceleratorConfig, tmp_path: Path) -> None:
     one = export(config, tmp_path)
     assert lint(one) == ""

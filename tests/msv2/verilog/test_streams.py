@@ -19,7 +19,7 @@ from msv2.verilog.export import Export, export
 from rtl.emit import to_rtlil
 from rtl.units import TOP, UNITS
 from spec.chunks import CHUNK_RECORDS
-from spec.config import MACHINES, PAPER, SUPERTILES, TINY, AcceleratorConfig
+from spec.config import MACHINES, PAPER, TINY, V3, AcceleratorConfig
 from spec.formats import Fixed
 from spec.memory import MEMORY_RECORDS
 from spec.packed import PACKED_RECORDS
@@ -45,7 +45,7 @@ def record_named(name: str, config: AcceleratorConfig, bits: int) -> Record:
 def test_every_machine_has_records_for_its_streams(config: AcceleratorConfig) -> None:
     """Those of machines that it cannot be changed into are left out, so that the Verilog of each can be written."""
     names = {record.name for _, record in known_records(config)}
-    assert {make(config).name for make in RECORDS} | {make(SUPERTILES).name for make in SUPERTILE_RECORDS} <= names
+    assert {make(config).name for make in RECORDS} | {make(V3).name for make in SUPERTILE_RECORDS} <= names
 
 
 def known_row(record: Record, seed: int) -> np.ndarray:

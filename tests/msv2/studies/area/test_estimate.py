@@ -8,7 +8,7 @@ import pytest
 
 from msv2.studies.area import estimate
 from msv2.studies.area.estimate import BUILDS, ESTIMATE, SHORTENED, SYNTHESISED, estimate_area
-from spec.config import PAPER, TINY
+from spec.config import PAPER, TINY, V3, V3_RECORDS
 from spec.errors import InputError
 
 
@@ -62,3 +62,20 @@ def test_a_missing_report_is_named(monkeypatch, tmp_path):
     with pytest.raises(InputError, match=r"absent\.json is not a report of areas"):
         estimate_area(PAPER)
     estimate._report.cache_clear()
+
+
+def test_lists_by_super_tile_are_estimated_from_a_build_of_their_own():
+    found = estimate_area(V3.with_(header_lines=2 * V3.header_lines))
+    assert (found.basis, found.build) == (ESTIMATE, "v3")
+    assert estimate_area(V3).mm2 < found.mm2 < 1.02 * estimate_area(V3).mm2
+    assert estimate_area(V3).logic_mm2 == pytest.approx(found.logic_mm2)
+
+
+def test_chunks_add_the_logic_of_their_units():
+    """Beside the smaller reader that goes: the logic of no other group changes but colour's."""
+    chunks, without = (estimate_area(config).groups for config in (V3_RECORDS, PAPER))
+    more = {group: area.logic_um2 - without[group].logic_um2 for group, area in chunks.items()}
+    units = {row["unit"]: row["logic_um2_16nm"] for row in json.loads(estimate.REPORT.read_text())["builds"]["v3"]["units"]}
+    assert more["culling and conversion"] == pytest.approx(units["geometry.bounds"] + units["geometry.chunk_test"])
+    assert 0 < more["lists and memory ports"] < units["geometry.headers"] + units["geometry.reader"] + units["queue_chunks"]
+    assert more["array"] == more["sorting and tile merging"] == 0
