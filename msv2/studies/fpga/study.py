@@ -51,6 +51,8 @@ SKIPPED = {
     ("paper", TOP): "it is all other units in one flat netlist; add up the units",
     ("tiny", "vrc_array"): "it is four `vrc_row` with `setup`, `expand`, `block_sequencer`, `collect` and `blend`; add them up",
     ("paper", "vrc_array"): "it is sixteen `vrc_row` with `setup`, `expand`, `collect` and `blend`; add them up",
+    ("tiny", "batch_array"): "it is `vrc_array`, whose cores can load their pixels' state, with memories for a super-tile",
+    ("paper", "batch_array"): "it is `vrc_array`, whose cores can load their pixels' state, with memories for a super-tile",
 }
 """Units that are not tried, by configuration, and why."""
 

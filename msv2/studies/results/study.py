@@ -217,13 +217,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", choices=[*PARTS, *ON_REQUEST], help="one part instead of all")
-    parser.add_argument("--unit", choices=SYNTHESISED, help="with --only synthesis, update only this row")
+    parser.add_argument("--unit", choices=SYNTHESISED, action="append",
+                        help="with --only synthesis, update only this row; may be given several times")
     parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where a page is stale")
     args = parser.parse_args(argv)
     if args.unit and args.only != "synthesis":
-        raise InputError(f"--unit {args.unit} is of --only synthesis, not of {args.only or 'everything'}")
+        raise InputError(f"--unit {args.unit[0]} is of --only synthesis, not of {args.only or 'everything'}")
     if args.unit and not args.check:
-        measure_synthesis([args.unit])
+        measure_synthesis(args.unit)
     elif not args.check:
         REPORTS.mkdir(exist_ok=True)
         for name in [args.only] if args.only else PARTS:
