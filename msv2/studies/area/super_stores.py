@@ -8,7 +8,7 @@ from msv2.studies.area.store import Store
 from perf.constants import culling
 from spec.chunks import chunk_header
 from spec.config import AcceleratorConfig
-from spec.constants import MAX_LEVELS, SUPER_TILES, SUPER_Y, TILE
+from spec.constants import MAX_LEVELS, SUPER_TILES, SUPER_X, SUPER_Y, TILE
 from spec.memory import (
     BEAT_BITS,
     BEAT_BYTES,
@@ -22,6 +22,7 @@ from spec.queues import (
     HEADERS_MISSED,
     HEADERS_PENDING,
     LEVEL_GROUP,
+    LINES_AHEAD,
     LIST_POINTERS,
     LIST_TILES,
     LISTS_AHEAD,
@@ -73,6 +74,9 @@ def _tile_test(config: AcceleratorConfig) -> Iterator[Store]:
     key = next(f.format.width for f in projected_splat(config).fields if f.name == "depth_key")
     kept = surviving_splat(config).width - 1 - MAX_LEVELS - SUPER_TILES + key
     yield Store("supertile_test", "queue", CULLING, paths.ellipse.rows + TILE_TEST_BESIDE - 1, kept)
+    columns, axis = -(-config.row_width // (TILE * SUPER_X)), max((rows - 1).bit_length(), LEVEL_GROUP.bit_length())
+    line = 2 * columns + axis - (SUPER_Y - 1).bit_length() + INDEX_BITS + key + 1
+    yield Store("supertile_test", "lines", CULLING, LINES_AHEAD - 1, line)
     if paths.colour.rows:
         for width in (152, 98):
             yield Store("pair_colour", f"path {width}", COLOUR, paths.colour.rows, width)

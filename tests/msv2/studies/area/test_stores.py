@@ -8,6 +8,7 @@ from collections import Counter
 import pytest
 
 from msv2.studies.area.stores import Store, stores
+from rtl.supertiles.pair_expand import PairExpand
 from rtl.units import UNITS
 from rtl.vrc_array.collect import Collect
 from rtl.vrc_array.pixel_state import PixelState
@@ -76,6 +77,12 @@ def test_memories_of_machines_with_super_tiles_are_the_rtls(unit, config):
 
 def test_the_pixel_states_memories_are_the_rtls():
     assert of_table(TINY_V3, "pixel_state") == of_rtl(PixelState(TINY_V3))
+
+
+@pytest.mark.parametrize("config", [TINY_V3, V3], ids=lambda config: config.name)
+def test_the_queue_of_lines_is_the_rtls(config):
+    lines, = (store for store in stores(config) if store.name == "lines" and store.unit == "supertile_test")
+    assert Counter({(lines.words, lines.width): 1}) == of_rtl(PairExpand(config))
 
 
 def test_machines_with_super_tiles_have_no_memories_for_splat_records():
