@@ -95,7 +95,7 @@ def _give_pairs(s, t, step_groups, step_pairs, step_closes, ready):
     if s.pairs_left == 0 and at != s.line_in and s.line_times[at & _LINE] <= t:
         s.pairs_left = s.line_pairs[at & _LINE]
         s.line_out = at + 1
-    if s.step_full:
+    if s.step_full and room:
         left = s.step_left
         if left > 1:
             s.step_left = left - 1
@@ -103,14 +103,12 @@ def _give_pairs(s, t, step_groups, step_pairs, step_closes, ready):
             at = s.step_at
             pairs, closes = step_pairs[at], step_closes[at]
             end = closes == ENDS
-            none = pairs == 0 and not end
-            if none or room:
-                if not none:
-                    s.line_pairs[s.line_in & _LINE], s.line_times[s.line_in & _LINE] = -1 if end else pairs, t + _LINE_LATENCY
-                    s.line_in += 1
-                s.kept -= closes == CLOSES
-                s.step_at = at + 1
-                s.step_full = 0
+            if pairs or end:
+                s.line_pairs[s.line_in & _LINE], s.line_times[s.line_in & _LINE] = -1 if end else pairs, t + _LINE_LATENCY
+                s.line_in += 1
+            s.kept -= closes == CLOSES
+            s.step_at = at + 1
+            s.step_full = 0
     if s.step_full == 0 and s.path_full[ELLIPSE]:
         s.path_full[ELLIPSE] = 0
         s.step_full, s.step_left = 1, step_groups[s.step_at]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.hdl import Cat, Module, Mux, Signal, signed
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -40,12 +40,16 @@ class ChunkWalk(wiring.Component):
         # the run that is walked through, the first part's run of these turns, the distance between parts, and the end of all
         run, first, apart, end = (Signal(len(self.count) + 1, name=name) for name in ("run", "first", "apart", "end"))
         place, left = Signal(range(CHUNK_RUN)), Signal.like(self.count)
-        after, following, turns = Signal.like(end), Signal.like(end), Signal()
+        following, turns = Signal.like(end), Signal()
         places, parts = CHUNK_RUN.bit_length() - 1, CHUNK_STREAMS.bit_length() - 1
         runs = (self.count + (CHUNK_RUN * CHUNK_STREAMS - 1)) >> (places + parts)
+        # A run from here on is the last of its turn. It is known two cycles after `start`, before a run with another behind
+        # it can end.
+        limit = Signal(signed(len(end) + 1), reset_less=True)
+        m.d.sync += limit.eq(end - apart)
         m.d.comb += [
-            self.busy.eq(left.any()), after.eq(run + apart), turns.eq(after >= end),
-            following.eq(Mux(turns, first + CHUNK_RUN, after))]
+            self.busy.eq(left.any()), turns.eq(run >= limit),
+            following.eq(Mux(turns, first + CHUNK_RUN, run + apart))]
         with m.If(self.start):
             m.d.sync += [
                 self.number.eq(self.base), run.eq(self.base), first.eq(self.base), place.eq(0), left.eq(self.count),

@@ -50,7 +50,7 @@ class PairExpand(wiring.Component):
         lives: strobe: the last group of a splat with a pair has been taken.
         busy: groups of a splat or pairs are inside that `pairs` does not offer yet.
 
-    Throughput: one group and one pair a cycle, together, while the queue has room for the lines of LINES_AHEAD steps. Latency:
+    Throughput: one group and one pair a cycle, together, while the queue has not the lines of LINES_AHEAD steps. Latency:
     4 cycles from a step's last group to its first pair. Storage: the queue. The groups g0 to g3 of two steps of two pairs
     each::
 
@@ -103,7 +103,7 @@ class PairExpand(wiring.Component):
             queued.splat.eq(self.splats.payload), queued.end.eq(item.end),
             meets.eq(upper_line.any() | lower_line.any()),
             leaves.eq(item.end | item.closes & (upper_line.any() | item.last & lower_line.any())),
-            self.groups.ready.eq((item.end | self.splats.valid) & (lines.w_rdy | ~leaves)),
+            self.groups.ready.eq((item.end | self.splats.valid) & lines.w_rdy),  # any group waits: `leaves` comes late
             taken.eq(self.groups.valid & self.groups.ready), lines.w_en.eq(taken & leaves),
             last.eq(taken & item.last & ~item.end),
             self.splats.ready.eq(last),
