@@ -12,13 +12,13 @@ from rtl.supertiles.pair_expand import PairExpand
 from rtl.units import UNITS
 from rtl.vrc_array.collect import Collect
 from rtl.vrc_array.pixel_state import PixelState
-from spec.config import DEFAULT, FAST, PAPER, TINY, TINY_V3, V3, AcceleratorConfig
+from spec.config import DEFAULT, FAST, PAPER, PAPER_SMALL, TINY, TINY_V3, V3, AcceleratorConfig
 from spec.constants import FLIP_FLOP_BITS
 from spec.queues import OUTPUT_DRAINS
 from synth.design import elaborate
 
 MACHINES = {
-    "tiny": TINY, "default": DEFAULT, "fast": FAST,
+    "tiny": TINY, "paper_small": PAPER_SMALL,
     "other": PAPER.with_(splat_cache_lines=512, sort_buffer_bytes=1 << 13, merge_ways=4, line_buffer_bytes=2048, row_width=720,
                          cores_x=8, depth=False),
     "whole": PAPER.with_(incremental=False, sort_buffer_bytes=1 << 12, merge_ways=16, splat_cache_lines=64),
@@ -69,7 +69,7 @@ def test_memories_are_the_rtls(unit, machine):
 
 @pytest.mark.parametrize("config", [
     pytest.param(config, marks=() if config is TINY_V3 else pytest.mark.long, id=config.name)
-    for config in (TINY_V3, V3)])
+    for config in (TINY_V3, V3, DEFAULT, FAST)])
 @pytest.mark.parametrize("unit", SUPERTILE_UNITS)
 def test_memories_of_machines_with_super_tiles_are_the_rtls(unit, config):
     assert of_table(config, SUPERTILE_UNITS[unit]) == of_rtl(UNITS[unit].make(config))
