@@ -116,8 +116,7 @@ beats, and in a model in spatial order survivors come close together."""
 LISTS = ("tile", "supertile")
 """What a list of intersections in memory belongs to; `spec.supertiles` describes the second."""
 
-MOST_STREAMS = 4
-"""Arrays of a machine with several streams, one for each quarter of a tile."""
+MOST_STREAMS = 4  # arrays of a machine with several streams, one for each quarter of a tile
 
 WARP_FILLS = ("majority", "interior")
 """Rules by which the warp unit fills holes; docs/stereo.md compares them."""
@@ -236,6 +235,8 @@ class AcceleratorConfig:
             if not low <= value <= high:
                 raise ValueError(f"{name} must be in {low}..{high}, not {value!r}")
         for name in ("cores_x", "cores_y"):
+            if getattr(self, name) < 2 * self.split:
+                raise ValueError(f"{name} must be at least 4 in a machine with streams, not {getattr(self, name)!r}")
             if TILE % getattr(self, name):
                 raise ValueError(f"{name} must divide {TILE}, not {getattr(self, name)!r}")
         for name in ("culling_units", "sort_buffer_bytes", "merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns",
@@ -265,9 +266,6 @@ class AcceleratorConfig:
             raise ValueError(f"streams must be 1 or {MOST_STREAMS}, not {self.streams!r}")
         if self.streams > 1 and not self.supertiles:
             raise ValueError(f"lists must be 'supertile' in a machine with streams, not {self.lists!r}")
-        for name in ("cores_x", "cores_y"):
-            if getattr(self, name) < 2 * self.split:
-                raise ValueError(f"{name} must be at least 4 in a machine with streams, not {getattr(self, name)!r}")
         if self.stereo and not self.depth:
             raise ValueError(f"depth must be True in a machine with stereo, not {self.depth!r}")
         sigma = self.support_sigma

@@ -17,7 +17,7 @@ from tb.vrc_array.array_check import golden_pixels, problems
 from tb.vrc_array.array_device import background_bits, rows_per_tile
 from tb.vrc_array.array_stimuli import CORNERS, Case, random_case
 
-STREAMS = TINY_SUPERTILES.with_(name="tiny_streams", cores_x=8, cores_y=8, streams=4)
+STREAMS = TINY_V3.with_(name="tiny_streams", cores_x=8, cores_y=8, streams=4)
 """Four arrays of 4 by 4 cores, each of which renders its region in four blocks."""
 
 VARIANTS: dict[str, AcceleratorConfig] = {

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spec.config import SUPERTILES, TINY_SUPERTILES, AcceleratorConfig
+from spec.config import TINY_V3, V3, AcceleratorConfig
 from spec.supertiles import SEQUENCE_BITS
 from tb.common import exact
 from tb.common.exact import Outcome, every_pattern
@@ -20,10 +20,10 @@ from tb.supertiles.batch_device import Mode, playback
 from tb.supertiles.batch_stimuli import DIRECTED, EVERY, Case, Tiles, case_of, random_case, wanted_batches, wanted_visits
 from tb.supertiles.batch_suite import MOST_ENTRIES
 
-STREAMS = TINY_SUPERTILES.with_(name="tiny_streams", cores_x=8, cores_y=8, streams=4)
+STREAMS = TINY_V3.with_(name="tiny_streams", cores_x=8, cores_y=8, streams=4)
 
 VARIANTS: dict[str, AcceleratorConfig] = {
-    "tiny_streams": STREAMS, "16-places": STREAMS.with_(batch_places=16), "supertiles-4-streams": SUPERTILES.with_(streams=4)}
+    "tiny_streams": STREAMS, "16-places": STREAMS.with_(batch_places=16), "v3-4-streams": V3.with_(streams=4)}
 """Configurations that can be tested."""
 
 PORTS = ("supertiles", "places", *(f"{name}_{q}" for name in ("visits", "entries") for q in range(4)))

@@ -13,11 +13,11 @@ from golden.msv2_ref.array import render_visits
 from golden.msv2_ref.batches import FrameBatches
 from golden.msv2_ref.pipeline import Frame, render
 from golden.msv2_ref.regions import region_of, stream_entries
-from spec.config import TINY_SUPERTILES
+from spec.config import TINY_V3
 from spec.constants import TILE
 from tests.helpers.golden_samples import map_for, random_model, turned_view
 
-ONE = TINY_SUPERTILES.with_(cores_x=8, cores_y=8, batch_places=16)
+ONE = TINY_V3.with_(cores_x=8, cores_y=8, batch_places=16)
 FOUR = ONE.with_(name="four", streams=4)
 
 

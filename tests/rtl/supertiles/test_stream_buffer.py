@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rtl.supertiles.stream_buffer import StreamBuffer
-from spec.config import SUPERTILES, TINY_SUPERTILES
+from spec.config import TINY_V3, V3
 from tb.supertiles import stream_suite
 from tb.supertiles.batch_device import Mode
 
@@ -66,7 +66,7 @@ def test_other_machines_are_exact(name, tmp_path):
 
 def test_one_stream_is_refused():
     with pytest.raises(ValueError, match=r"^streams must be more than 1 for this unit, not 1$"):
-        StreamBuffer(SUPERTILES)
+        StreamBuffer(V3)
     with pytest.raises(TypeError, match=r"^config must be an AcceleratorConfig, not 3$"):
         StreamBuffer(3)
-    assert StreamBuffer(TINY_SUPERTILES.with_(streams=4)).config.batch_banks == 8
+    assert StreamBuffer(TINY_V3.with_(streams=4)).config.batch_banks == 8
