@@ -213,15 +213,19 @@ def take_row(s):
 
 
 @step
-def _row_beats(s, tile, row):
-    """The number of beats that a row of a tile occupies in memory, and the address of the first."""
-    cores = s.cores_x
-    columns = TILE // cores
-    block, line = row // s.cores_y, row % s.cores_y
-    y = tile // s.tiles_x * TILE + block // columns * s.cores_y + line
-    x = tile % s.tiles_x * TILE + block % columns * cores
+def row_beats(s, x, y, columns, row, cores_x, cores_y):
+    """The number of beats that a row of an array's pixels occupies in memory, and the address of the first.
+
+    Args:
+        x, y: the first pixel of the array's part of the tile. columns: its blocks side by side.
+        row: the number of the row in it, in the order in which rows leave.
+        cores_x, cores_y: size of the array.
+    """
+    block, line = row // cores_y, row % cores_y
+    y += block // columns * cores_y + line
+    x += block % columns * cores_x
     words = s.pixel_words
-    count = min(s.width - x, cores) * words
+    count = min(s.width - x, cores_x) * words
     start = (y * s.width + x) * words
     if y >= s.height or count <= 0:
         return 0, 0
@@ -229,8 +233,8 @@ def _row_beats(s, tile, row):
 
 
 @step
-def step_pixels(s, t, granted, offered, tile_number, tile_times):
-    """Steps PixelWriter. Returns whether it takes the offered row."""
+def send_beats(s, granted):
+    """Sends a beat of the pixel writer's row if it is granted. Returns whether the writer can take another row."""
     sends, packed = s.sends, s.packed
     if granted:
         bus.write(s, W_FRAME, s.frame_base + s.send_at)
@@ -240,13 +244,21 @@ def step_pixels(s, t, granted, offered, tile_number, tile_times):
     if room:
         s.sends = s.packed_beats if packed else 0
         s.send_at = s.packed_at
-    if packed and not room:
+    return room or not packed
+
+
+@step
+def step_pixels(s, t, granted, offered, tile_number, tile_times):
+    """Steps PixelWriter. Returns whether it takes the offered row."""
+    if not send_beats(s, granted):
         return False
     s.packed = offered
     if not offered:
         return False
     tile, row = s.tile_out, s.row_out
-    s.packed_beats, s.packed_at = _row_beats(s, tile_number[tile], row)
+    at, cores = tile_number[tile], s.cores_x
+    s.packed_beats, s.packed_at = row_beats(
+        s, at % s.tiles_x * TILE, at // s.tiles_x * TILE, TILE // cores, row, cores, s.cores_y)
     if row == 0:
         tile_times[0, tile] = t
     row += 1

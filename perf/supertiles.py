@@ -23,6 +23,9 @@ from spec.records import COUNT_BITS, frame_lists
 from spec.registers import WRITE_CLIENTS, read_clients, stages, write_clients
 from spec.supertiles import check_supertiles
 
+READ_AHEAD = 2
+"""Records of a stream that have been read, or are being read, before the array takes them."""
+
 BATCHES = 2
 """Batches in the batch buffer: one is filled while the other is dealt."""
 
@@ -88,6 +91,8 @@ def simulate_supertiles(
     memory = memory or MemoryModel(LPDDR3)
     if pipeline is not None:
         config = config.with_(incremental=pipeline)
+    if trace.streams != config.streams:
+        raise ValueError(f"trace must be one of a machine with {config.streams} streams, not {trace.streams!r}")
     if trace.sh_degree > config.sh_degree:
         raise ValueError(f"config must be a machine of SH degree {trace.sh_degree}, not {config.sh_degree!r}")
     beta, begin = beta if merge else 0, work_clock()
@@ -110,7 +115,7 @@ def simulate_supertiles(
     at = phases["clear"] + table
     timeline = [("geometry", 0, -1, at, at + binned.cycles), ("render", 0, -1, at + binned.cycles, total)]
     commands = {name: binned.commands[name] + drawn.commands[name] for name in binned.commands}
-    utilisation = {"array": max(trace.entries, events["ops"]) / max(1, drawn.cycles),
+    utilisation = {"array": max(trace.entries, events["ops"]) / (config.streams * max(1, drawn.cycles)),
                    "memory": sum(sum(m.values()) for m in moved.values()) / (memory.peak * total)}
     return SuperCycles(
         total, phases, (dict(phases),), found, **moved, entries=trace.entries, groups=int(plan.sorting.groups[-1]) + 1,
@@ -155,16 +160,24 @@ def _set_paths(s: np.record, config: AcceleratorConfig) -> constants.Culling:
     return paths
 
 
-def _set_array(s: np.record, trace: SuperTrace, config: AcceleratorConfig, display: bool) -> None:
-    """Sets the array's sizes and latencies (rtl.vrc_array)."""
-    expand, blend = (config.cores_x - 1).bit_length(), constants.BLEND_LATENCY if config.level_banks == 2 else 0
-    s.blocks, s.cores_x, s.cores_y = config.blocks, config.cores_x, config.cores_y
-    s.row_latency = expand + constants.ROW_PIPELINE + constants.SUMS_LATER + 2 + blend + 3
-    s.leave_latency = expand + config.cores_y + 4
-    s.stop_latency = constants.SETUP_LATENCY + expand + config.cores_y + 4
-    s.store_latency = expand + constants.ROW_PIPELINE + constants.SUMS_LATER + config.cores_y + 4
-    s.rows_free, s.row_halves = OUTPUT_DRAINS * config.cores_y, 2
-    s.drain_rows = config.cores_y if config.incremental else tile_rows(config)
+def _new_streams(config: AcceleratorConfig) -> np.recarray:
+    """The records of the streams, with the sizes and latencies of their arrays (rtl.vrc_array)."""
+    expand, blend = (config.array_x - 1).bit_length(), constants.BLEND_LATENCY if config.level_banks == 2 else 0
+    streams = np.zeros(config.streams, supertiles_render.stream_layout.dtype).view(np.recarray)
+    streams.blocks, streams.cores_y, streams.incremental = config.blocks, config.array_y, config.incremental
+    streams.row_latency = expand + constants.ROW_PIPELINE + constants.SUMS_LATER + 2 + blend + 3
+    streams.leave_latency = expand + config.array_y + 4
+    streams.stop_latency = constants.SETUP_LATENCY + expand + config.array_y + 4
+    streams.store_latency = expand + constants.ROW_PIPELINE + constants.SUMS_LATER + config.array_y + 4
+    streams.rows_free, streams.row_halves = OUTPUT_DRAINS * config.array_y, 2
+    streams.drain_rows = config.array_y if config.incremental else tile_rows(config) // config.streams
+    streams.banks = config.batch_banks if config.streams > 1 else 0
+    return streams
+
+
+def _set_frame(s: np.record, trace: SuperTrace, config: AcceleratorConfig, display: bool) -> None:
+    """Sets what the pixel writer needs."""
+    s.split, s.array_x, s.read_ahead = config.split, config.array_x, READ_AHEAD
     s.width, s.height, s.tiles_x = trace.width, trace.height, trace.tiles_x
     s.pixel_words = (DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES) // 4
 
@@ -188,7 +201,8 @@ def _render(
     s.way_room[: config.merge_ways] = 32
     s.frame_base, s.rendered_tiles = where.frame, len(visits.drawn)
     _set_paths(s, config)
-    _set_array(s, trace, config, display)
+    _set_frame(s, trace, config, display)
+    streams = _new_streams(config)
     beats = colour_beats(config, trace.sh_degree)
     s.record_beats = beats
     s.colour_steps = len(constants.colour_steps(config, trace.sh_degree)) if trace.sh_degree else 0
@@ -197,13 +211,16 @@ def _render(
     blend = trace.blend & (config.level_banks == 2)
     tile_times = np.full((2, len(visits.drawn) + 1), -1, np.int64)
     cycles = supertiles_render.render_phase(
-        s, config.merge_ways, lists.counts, sorting.lasts, lists.ends, lists.page_beat, lists.page_start, sorting.group_end,
-        sorting.chunk_length, sorting.chunk_spill, sorting.chunk_last, sorting.chunk_ends, sorting.arrival, merging, keys,
-        sorting.part_runs, sorting.job_start, sorting.job_length, sorting.job_entries, sorting.job_out, sorting.job_waits,
-        sorting.way_of, sorting.job_begin, sorting.job_goal, np.append(plan.missed, 0), where.chunks + trace.chunk,
-        where.colour + trace.splat.astype(np.int64) * beats, np.append(trace.places, 0), np.append(np.diff(trace.start), 0),
+        s, streams, config.merge_ways, lists.counts, sorting.lasts, lists.ends, lists.page_beat, lists.page_start,
+        sorting.group_end, sorting.chunk_length, sorting.chunk_spill, sorting.chunk_last, sorting.chunk_ends, sorting.arrival,
+        merging, keys, sorting.part_runs, sorting.job_start, sorting.job_length, sorting.job_entries, sorting.job_out,
+        sorting.job_waits, sorting.way_of, sorting.job_begin, sorting.job_goal, np.append(plan.missed, 0),
+        where.chunks + trace.chunk, where.colour + trace.splat.astype(np.int64) * beats,
+        np.append(trace.places, 0), np.append(np.diff(trace.start), 0),
         visits.batch_supertile, visits.batch_places, visits.batch_visit, visits.visit_tile, visits.visit_final,
-        visits.visit_entry, visits.visit_seen, visits.use, stop, blend, visits.drawn,
-        np.full(len(trace.counts), bus.NEVER, np.int64), np.zeros(len(trace.counts), np.int64), tile_times, LIMIT)
-    events = {"ops": int(s.ops), "skipped": int(s.skipped), "fetch_misses": int(s.header_misses), "visits": int(s.visits_taken)}
+        visits.visit_entry, visits.visit_seen, visits.use, visits.slot, stop, blend, visits.drawn,
+        np.full((trace.streams, len(trace.counts)), bus.NEVER, np.int64),
+        np.zeros((trace.streams, len(trace.counts)), np.int64), tile_times, LIMIT)
+    events = {"ops": int(s.ops), "skipped": int(s.skipped), "fetch_misses": int(s.header_misses),
+              "visits": int(streams.visits_taken.sum())}
     return _results(s, finished("RENDER", cycles), RENDER_STAGES), events

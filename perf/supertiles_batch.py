@@ -1,28 +1,40 @@
 """The batch buffer and the array of machines with super-tiles, stepped cycle by cycle (rtl/supertiles/batch_*.py,
-rtl/vrc_array/batch_*.py)."""
+rtl/vrc_array/batch_*.py).
+
+Each stream has a record of its own, of `stream_layout`, for the side of the batch buffer that deals, and for its array.
+"""
 
 from __future__ import annotations
 
-from perf import bus
+from perf import blending, bus
 from perf.constants import SETUP_LATENCY
 from perf.kernel import step
 from perf.layout import Layout
 from perf.supertiles_gather import layout as before
+from spec.constants import TILE
 from spec.queues import ARRAY_TILES
 
 layout = Layout(before)
 layout.words("""
-    batches parts fill_batch fill_left fill_open fill_closed fill_at passed chosen released dealt dealing deal_end deal_visit
-    deal_entry deal_last visits_in visits_taken items_in items_out""")
-layout.words("""
+    batches parts fill_batch fill_left fill_open fill_closed fill_at passed released first_reader read_ahead row_turn
+    split array_x""")
+layout.ring("asked", 16)
+stream_layout = Layout()
+stream_layout.words("""
+    passed chosen released dealt dealing deal_end deal_visit deal_entry deal_last visits_in visits_taken items_in items_read
+    items_out banks waiting""")
+stream_layout.words("""
     visit_busy visit_begun visit_second visit_ground visit_tile visit_blends visit_count visit_ends slot_load buffer_load
     issue_load load_wait issue_visit store_latency""")
-_VISITS, _ITEMS = 16, 4
-layout.ring("pass_times", 16)
-layout.ring("visit_ids", _VISITS)
-layout.ring("visit_times", _VISITS)
-layout.ring("item_entry", _ITEMS)
-layout.ring("item_times", _ITEMS)
+stream_layout.words("""
+    slot_valid slot_drain ops_buffered buffer_drain stop_0 stop_1 in_flight leave_in leave_out stop_latency blocks cores_y
+    row_latency leave_latency issue issue_left issue_drain issue_at issued_at incremental rows_free drain_wait drain_in
+    drain_out drain_rows drain_row row_halves tile_out row_out""")
+_VISITS, _ITEMS, _UNBANKED = 16, 16, 4
+_RINGS = (("pass_times", 16), ("visit_ids", _VISITS), ("visit_times", _VISITS), ("item_entry", _ITEMS),
+                ("item_half", _ITEMS), ("item_times", _ITEMS), ("leave_times", 8), ("drain_times", 64))
+for _name, _size in _RINGS:
+    stream_layout.ring(_name, _size)
 
 _SETTLE, _MASKS, _ITEM_LATENCY, _AHEAD = 2, 4, 3, 3
 """Cycles from a batch's last place until the batch is complete; from there to its first entry's place; from there to the entry;
@@ -38,7 +50,7 @@ def places_taken(s, t):
 
 
 @step
-def step_fill(s, t, taken, batch_supertile, batch_places):
+def step_fill(s, streams, t, taken, batch_supertile, batch_places):
     """Steps the side of the batch buffer that is filled."""
     if s.place_left:
         if taken:
@@ -55,212 +67,301 @@ def step_fill(s, t, taken, batch_supertile, batch_places):
     s.fill_left -= taken
     if s.fill_open and s.fill_left == 0:
         s.fill_open, s.fill_closed, s.fill_at = 0, 1, t + _SETTLE
-    if s.fill_closed and s.fill_at <= t and s.passed - s.released < s.parts and s.passed - s.chosen < s.parts - 1:
-        s.pass_times[s.passed & 15] = t + _MASKS
+    if s.fill_closed and s.fill_at <= t and s.passed - s.released < s.parts and _pass(s, streams, t):
         s.passed += 1
         s.fill_closed = 0
         s.fill_batch = at + 1
 
 
 @step
-def _next_visit(s, t, batch_visit, visit_tile, visit_final, visit_entry, done):
+def _pass(s, streams, t):
+    """Passes the batch to every stream that can take it. Returns whether all have it."""
+    everywhere = True
+    for q in range(len(streams)):
+        a = streams[q]
+        if a.passed == s.passed:
+            if a.passed - a.chosen < s.parts - 1:
+                a.pass_times[a.passed & 15] = t + _MASKS
+                a.passed += 1
+            else:
+                everywhere = False
+    return everywhere
+
+
+@step
+def release(s, streams):
+    """Frees the halves of the batch buffer that all streams have done with."""
+    least = streams[0].released
+    for q in range(1, len(streams)):
+        least = min(least, streams[q].released)
+    s.released = least
+
+
+@step
+def step_rows(s, streams, t, granted, drawn, tile_times):
+    """Moves a row of pixels of one stream to the pixel writer."""
+    count, chosen = len(streams), -1
+    for k in range(count):
+        q = (k + s.row_turn) % count
+        if chosen < 0 and blending.rows_offered(streams[q], t):
+            chosen = q
+    room = blending.send_beats(s, granted)
+    if room:
+        s.packed = chosen >= 0
+    taken = room and chosen >= 0
+    blending.count_rows(s, chosen >= 0, taken)
+    if not taken:
+        return
+    a = streams[chosen]
+    s.row_turn = (chosen + 1) % count
+    side, tile, row = TILE // s.split, drawn[a.tile_out], a.row_out
+    y, x = tile // s.tiles_x * TILE + chosen // s.split * side, tile % s.tiles_x * TILE + chosen % s.split * side
+    s.packed_beats, s.packed_at = blending.row_beats(s, x, y, side // s.array_x, row, s.array_x, a.cores_y)
+    if a.row_out == 0:
+        tile_times[0, a.tile_out] = t
+    a.row_out = row + 1
+    if (row + 1) * s.array_x == side * side:
+        tile_times[1, a.tile_out] = t
+        a.row_out = 0
+        a.tile_out += 1
+        s.row_out += 1
+        if s.row_out == count:
+            s.row_out = 0
+            s.tile_out += 1
+    blending.take_row(a)
+
+
+@step
+def _next_visit(a, q, t, batch_visit, visit_tile, visit_final, visit_entry, done):
     """Goes on to the next tile to visit, past those that have stopped. A batch without any is released."""
-    if s.dealing == 0:
-        if s.dealt == s.passed or s.pass_times[s.dealt & 15] > t:
+    if a.dealing == 0:
+        if a.dealt == a.passed or a.pass_times[a.dealt & 15] > t:
             return
-        s.dealing, s.deal_visit, s.deal_end = 1, batch_visit[s.dealt], batch_visit[s.dealt + 1]
-    at, end = s.deal_visit, s.deal_end
-    while at < end and visit_final[at] == 0 and done[visit_tile[at]] < t:
+        a.dealing, a.deal_visit, a.deal_end = 1, batch_visit[q, a.dealt], batch_visit[q, a.dealt + 1]
+    at, end = a.deal_visit, a.deal_end
+    while at < end and visit_final[at] == 0 and done[q, visit_tile[at]] < t:
         at += 1
-    s.deal_visit = at
+    a.deal_visit = at
     if at == end:
-        s.dealing = 0
-        s.dealt += 1
-        s.chosen += s.chosen < s.dealt
-        s.released += 1
-    elif s.visits_in - s.visits_taken < _AHEAD:
-        s.dealing = 2
-        s.deal_entry, s.deal_last = visit_entry[at], visit_entry[at + 1]
-        s.visit_ids[s.visits_in & _VISITS - 1], s.visit_times[s.visits_in & _VISITS - 1] = at, t + 1
-        s.visits_in += 1
+        a.dealing = 0
+        a.dealt += 1
+        a.chosen += a.chosen < a.dealt
+        a.released += 1
+    elif a.visits_in - a.visits_taken < _AHEAD:
+        a.dealing = 2
+        a.deal_entry, a.deal_last = visit_entry[at], visit_entry[at + 1]
+        a.visit_ids[a.visits_in & _VISITS - 1], a.visit_times[a.visits_in & _VISITS - 1] = at, t + 1
+        a.visits_in += 1
         if at + 1 == end:
-            s.chosen += 1
+            a.chosen += 1
 
 
 @step
-def step_deal(s, t, batch_visit, visit_tile, visit_final, visit_entry, done):
+def _item_fits(a):
+    """Whether the dealer can pass on an item. With banks, two of them can wait to be read."""
+    return a.items_in - a.items_read < 2 if a.banks else a.items_in - a.items_out < _UNBANKED
+
+
+@step
+def step_read(s, streams, t, slot):
+    """Reads the records of items from the banks of the batch buffer. A bank is read at one address in a cycle, by all streams
+    that want it."""
+    count = len(streams)
+    asked = s.asked
+    asked[:] = -1
+    for k in range(count):
+        q = (k + s.first_reader) % count
+        a = streams[q]
+        at = a.items_read
+        place = at & _ITEMS - 1
+        if at == a.items_in or a.item_times[place] > t or at - a.items_out >= s.read_ahead:
+            continue
+        entry = a.item_entry[place]
+        if entry >= 0:
+            address = a.item_half[place] << 20 | slot[entry]
+            bank = address & a.banks - 1
+            if asked[bank] >= 0 and asked[bank] != address:
+                continue
+            asked[bank] = address
+        a.item_times[place] = t + _ITEM_LATENCY - 1
+        a.items_read = at + 1
+    s.first_reader = (s.first_reader + 1) % count
+
+
+@step
+def step_deal(a, q, t, batch_visit, visit_tile, visit_final, visit_entry, done):
     """Deals a batch to its tiles, an entry or a visit's end a cycle."""
-    if s.dealing < 2:
-        _next_visit(s, t, batch_visit, visit_tile, visit_final, visit_entry, done)
-    if s.dealing < 2 or s.items_in - s.items_out >= _ITEMS:
+    if a.dealing < 2:
+        _next_visit(a, q, t, batch_visit, visit_tile, visit_final, visit_entry, done)
+    if a.dealing < 2 or not _item_fits(a):
         return
-    at, place = s.deal_entry, s.items_in & _ITEMS - 1
-    s.item_times[place] = t + _ITEM_LATENCY
-    s.items_in += 1
-    if at < s.deal_last and done[visit_tile[s.deal_visit]] >= t:
-        s.item_entry[place] = at
-        s.deal_entry = at + 1
+    at, place = a.deal_entry, a.items_in & _ITEMS - 1
+    a.item_times[place] = t + (1 if a.banks else _ITEM_LATENCY)
+    a.items_in += 1
+    if at < a.deal_last and done[q, visit_tile[a.deal_visit]] >= t:
+        a.item_entry[place], a.item_half[place] = at, a.dealt & 1
+        a.deal_entry = at + 1
         return
-    s.item_entry[place] = -1
-    s.deal_visit += 1
-    s.dealing = 1
-    if s.deal_visit == s.deal_end:
-        s.dealing = 0
-        s.dealt += 1
-        s.released += 1
+    a.item_entry[place] = -1
+    a.deal_visit += 1
+    a.dealing = 1
+    if a.deal_visit == a.deal_end:
+        a.dealing = 0
+        a.dealt += 1
+        a.released += 1
 
 
 @step
-def _slot(s, valid, load, drain):
+def _slot(a, valid, load, drain):
     """Moves a slot into the setup unit's pipeline."""
     mask = (1 << _SETUP) - 1
-    s.slot_valid = (s.slot_valid << 1 | valid) & mask
-    s.slot_drain = (s.slot_drain << 1 | drain) & mask
-    s.slot_load = (s.slot_load << 1 | load) & mask
+    a.slot_valid = (a.slot_valid << 1 | valid) & mask
+    a.slot_drain = (a.slot_drain << 1 | drain) & mask
+    a.slot_load = (a.slot_load << 1 | load) & mask
 
 
 @step
-def step_setup(s, t, waiting, visit_tile, visit_final, visit_seen, use, stop, blend):
-    """Steps BatchSetup, which turns visits and entries into slots."""
-    while s.leave_out != s.leave_in and s.leave_times[s.leave_out & 7] <= t:
-        s.leave_out += 1
-        s.in_flight -= 1
+def step_setup(s, a, q, t, waiting, visit_tile, visit_final, visit_seen, use, stop, blend):
+    """Steps BatchSetup, which turns visits and entries into slots. Returns whether an entry, or the end of a visit, is offered,
+    and whether it is taken."""
+    while a.leave_out != a.leave_in and a.leave_times[a.leave_out & 7] <= t:
+        a.leave_out += 1
+        a.in_flight -= 1
     advance = waiting < 2
     if advance:
-        s.buffer_drain |= (s.slot_drain >> _SETUP - 1) << s.ops_buffered
-        s.buffer_load |= (s.slot_load >> _SETUP - 1) << s.ops_buffered
-        s.ops_buffered += s.slot_valid >> _SETUP - 1
-    at = s.items_out
-    there = at != s.items_in and s.item_times[at & _ITEMS - 1] <= t
-    takes, valid, load, drain, ends = False, False, False, False, s.visit_busy == 0
-    if s.visit_busy:
-        if s.visit_begun == 0:
+        a.buffer_drain |= (a.slot_drain >> _SETUP - 1) << a.ops_buffered
+        a.buffer_load |= (a.slot_load >> _SETUP - 1) << a.ops_buffered
+        a.ops_buffered += a.slot_valid >> _SETUP - 1
+    at = a.items_out
+    there = at != (a.items_read if a.banks else a.items_in) and a.item_times[at & _ITEMS - 1] <= t
+    takes, valid, load, drain, ends = False, False, False, False, a.visit_busy == 0
+    if a.visit_busy:
+        if a.visit_begun == 0:
             valid, load = True, True
             if advance:
-                s.visit_begun = 1
-        elif s.visit_second:
+                a.visit_begun = 1
+        elif a.visit_second:
             valid = True
             if advance:
-                s.visit_second = 0
+                a.visit_second = 0
         elif there:
-            entry = s.item_entry[at & _ITEMS - 1]
+            entry = a.item_entry[at & _ITEMS - 1]
             if entry < 0:
                 valid = True
-                drain = s.visit_ends == 0 or s.visit_ground == s.visit_blends
+                drain = a.visit_ends == 0 or a.visit_ground == a.visit_blends
                 takes = advance and drain
                 ends = takes
                 if advance:
-                    s.visit_ground = 0 if drain else 1
+                    a.visit_ground = 0 if drain else 1
             else:
-                skip = s.stop_0 <= t and s.stop_1 <= t and s.in_flight == 1
+                skip = a.stop_0 <= t and a.stop_1 <= t and a.in_flight == 1
                 takes = advance or skip
                 if takes:
-                    both = s.visit_blends and use[entry] == 3
-                    count = s.visit_count + 1
-                    s.visit_count = count
-                    if count == stop[s.visit_tile, 0]:
-                        s.stop_0 = t + s.stop_latency
-                    if count == stop[s.visit_tile, 1]:
-                        s.stop_1 = t + s.stop_latency + both
+                    both = a.visit_blends and use[entry] == 3
+                    count = a.visit_count + 1
+                    a.visit_count = count
+                    if count == stop[q, a.visit_tile, 0]:
+                        a.stop_0 = t + a.stop_latency
+                    if count == stop[q, a.visit_tile, 1]:
+                        a.stop_1 = t + a.stop_latency + both
                     if skip:
                         s.skipped += 1
                     else:
                         valid = True
-                        s.visit_second = both
-    s.items_out = at + takes
-    s.busy_array += takes
-    s.blocked_array += there and not takes
+                        a.visit_second = both
+    a.items_out = at + takes
     if advance:
-        _slot(s, valid, load, drain)
+        _slot(a, valid, load, drain)
     if ends:
-        s.visit_busy = 0
-        at = s.visits_taken
-        if at != s.visits_in and s.visit_times[at & _VISITS - 1] <= t and s.in_flight < ARRAY_TILES:
-            _take_visit(s, t, s.visit_ids[at & _VISITS - 1], visit_tile, visit_final, visit_seen, stop, blend)
+        a.visit_busy = 0
+        at = a.visits_taken
+        if at != a.visits_in and a.visit_times[at & _VISITS - 1] <= t and a.in_flight < ARRAY_TILES:
+            _take_visit(a, q, t, a.visit_ids[at & _VISITS - 1], visit_tile, visit_final, visit_seen, stop, blend)
+    return there, takes
 
 
 @step
-def _take_visit(s, t, visit, visit_tile, visit_final, visit_seen, stop, blend):
+def _take_visit(a, q, t, visit, visit_tile, visit_final, visit_seen, stop, blend):
     tile, seen = visit_tile[visit], visit_seen[visit]
-    s.visits_taken += 1
-    s.in_flight += 1
-    s.visit_busy, s.visit_begun, s.visit_second, s.visit_ground = 1, 0, 0, 0
-    s.visit_tile, s.visit_blends, s.visit_count, s.visit_ends = tile, blend[tile], seen, visit_final[visit]
-    s.stop_0 = t + s.stop_latency if stop[tile, 0] <= seen else bus.NEVER
-    s.stop_1 = 0
+    a.visits_taken += 1
+    a.in_flight += 1
+    a.visit_busy, a.visit_begun, a.visit_second, a.visit_ground = 1, 0, 0, 0
+    a.visit_tile, a.visit_blends, a.visit_count, a.visit_ends = tile, blend[tile], seen, visit_final[visit]
+    a.stop_0 = t + a.stop_latency if stop[q, tile, 0] <= seen else bus.NEVER
+    a.stop_1 = 0
     if blend[tile]:
-        s.stop_1 = t + s.stop_latency if stop[tile, 1] <= seen else bus.NEVER
+        a.stop_1 = t + a.stop_latency if stop[q, tile, 1] <= seen else bus.NEVER
 
 
 @step
-def load_issue(s, t):
+def load_issue(a, t):
     """Loads the sequencer with the next operation from the setup unit's buffer."""
-    if s.issue == 0 and s.ops_buffered:
-        s.issue, s.issue_left = 1, s.blocks
-        s.issue_drain, s.issue_load = s.buffer_drain & 1, s.buffer_load & 1
-        s.ops_buffered -= 1
-        s.buffer_drain >>= 1
-        s.buffer_load >>= 1
-        s.issue_at = t + (2 if s.blocks > 1 and s.issued_at != t - 1 else 0)
+    if a.issue == 0 and a.ops_buffered:
+        a.issue, a.issue_left = 1, a.blocks
+        a.issue_drain, a.issue_load = a.buffer_drain & 1, a.buffer_load & 1
+        a.ops_buffered -= 1
+        a.buffer_drain >>= 1
+        a.buffer_load >>= 1
+        a.issue_at = t + (2 if a.blocks > 1 and a.issued_at != t - 1 else 0)
 
 
 @step
-def _may_issue(s, t, ends, pending, tile):
+def _may_issue(a, q, t, ends, pending, tile):
     """Whether the operation in the sequencer can be issued."""
-    if s.issue_load:
-        return s.load_wait == 0 and pending[tile] <= t
-    if s.issue_drain == 0:
+    if a.issue_load:
+        return a.load_wait == 0 and pending[q, tile] <= t
+    if a.issue_drain == 0:
         return True
-    if s.drain_wait:
+    if a.drain_wait:
         return False
     if ends == 0:
         return True
-    return s.rows_free >= s.cores_y if s.incremental else s.row_halves != 0 or s.issue_left != s.blocks
+    return a.rows_free >= a.cores_y if a.incremental else a.row_halves != 0 or a.issue_left != a.blocks
 
 
 @step
-def step_issue(s, t, visit_tile, visit_final, visit_entry, visit_seen, stop, blend, pending, done):
+def step_issue(s, a, q, t, visit_tile, visit_final, visit_entry, visit_seen, stop, blend, pending, done):
     """Steps BatchSequencer, reserves space in the buffer behind the array, and notes when states land."""
-    s.drain_wait -= s.drain_wait != 0
-    s.load_wait -= s.load_wait != 0
-    if s.issue == 0 or s.issue_at > t:
+    a.drain_wait -= a.drain_wait != 0
+    a.load_wait -= a.load_wait != 0
+    if a.issue == 0 or a.issue_at > t:
         return
-    visit = s.visit_ids[s.issue_visit & _VISITS - 1]
+    visit = a.visit_ids[a.issue_visit & _VISITS - 1]
     tile, ends = visit_tile[visit], visit_final[visit]
-    if not _may_issue(s, t, ends, pending, tile):
+    if not _may_issue(a, q, t, ends, pending, tile):
         return
     s.ops += 1
-    first = s.issue_left == s.blocks
-    left = s.issue_left - 1
-    s.issue_left = left
-    if s.issue_load:
-        s.load_wait = s.cores_y
-    if s.issue_drain:
-        s.drain_wait = s.cores_y
+    first = a.issue_left == a.blocks
+    left = a.issue_left - 1
+    a.issue_left = left
+    if a.issue_load:
+        a.load_wait = a.cores_y
+    if a.issue_drain:
+        a.drain_wait = a.cores_y
         if ends:
-            _drain(s, t, left, first)
+            _drain(a, t, left, first)
         elif left == 0:
-            pending[tile] = t + s.store_latency
+            pending[q, tile] = t + a.store_latency
             seen = visit_seen[visit] + visit_entry[visit + 1] - visit_entry[visit]
-            if stop[tile, 0] <= seen and (blend[tile] == 0 or stop[tile, 1] <= seen):
-                done[tile] = t + s.store_latency + 2
+            if stop[q, tile, 0] <= seen and (blend[tile] == 0 or stop[q, tile, 1] <= seen):
+                done[q, tile] = t + a.store_latency + 2
         if left == 0:
-            s.leave_times[s.leave_in & 7] = t + s.leave_latency
-            s.leave_in += 1
-            s.issue_visit += 1
+            a.leave_times[a.leave_in & 7] = t + a.leave_latency
+            a.leave_in += 1
+            a.issue_visit += 1
     if left == 0:
-        s.issue, s.issued_at = 0, t
+        a.issue, a.issued_at = 0, t
 
 
 @step
-def _drain(s, t, left, first):
+def _drain(a, t, left, first):
     """Reserves space for the rows of a tile that leaves."""
-    if s.incremental:
-        s.rows_free -= s.cores_y
-        s.drain_times[s.drain_in & 63] = t + s.row_latency
-        s.drain_in += 1
+    if a.incremental:
+        a.rows_free -= a.cores_y
+        a.drain_times[a.drain_in & 63] = t + a.row_latency
+        a.drain_in += 1
         return
-    s.row_halves -= first
+    a.row_halves -= first
     if left == 0:
-        s.drain_times[s.drain_in & 63] = t + s.row_latency + s.cores_y - 2
-        s.drain_in += 1
+        a.drain_times[a.drain_in & 63] = t + a.row_latency + a.cores_y - 2
+        a.drain_in += 1

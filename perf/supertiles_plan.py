@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from golden.msv2_ref.batches import cut_batches
+from golden.msv2_ref.batches import Batches, cut_batches
 from golden.msv2_ref.buckets import Bounds, list_numbers, next_bounds
 from golden.msv2_ref.fetch import find_misses
 from golden.msv2_ref.supertiles import merge_lists
@@ -125,15 +125,17 @@ def _pages(number, page_start, kinds, writes, page_beat, flushed):
 
 @dataclass(frozen=True)
 class VisitPlan:
-    """The batches of a frame, and the visits of a machine in which no tile stops.
+    """The batches of a frame, and the visits of a machine in which no tile stops. Visits and entries are numbered stream by
+    stream.
 
     Attributes:
         batch_supertile: (batches,) the super-tile of each batch. batch_places: (batches,) its places.
-        batch_visit: (batches + 1,) the first visit of each batch.
-        visit_tile: (visits,) the tile. visit_final: (visits,) uint8, whether it is the tile's last visit.
-        visit_entry: (visits + 1,) the first entry of each visit. visit_seen: (visits,) the entries of the tile before it.
-        use: (entries,) uint8, by visit: as in `Intersections`.
-        drawn: (tiles,) the tiles in the order of their last visits.
+        batch_visit: (streams, batches + 1) the first visit of each batch.
+        visit_tile: (visits,) the tile. visit_final: (visits,) uint8, whether it is the tile's last visit of the stream.
+        visit_entry: (visits + 1,) the first entry of each visit. visit_seen: (visits,) the stream's entries of the tile before
+            it.
+        use: (entries,) uint8, by visit: as in `Intersections`. slot: (entries,) int32, the place in the batch.
+        drawn: (tiles,) the tiles in the order of their last visits, which is that of every stream.
     """
 
     batch_supertile: np.ndarray
@@ -144,6 +146,7 @@ class VisitPlan:
     visit_entry: np.ndarray
     visit_seen: np.ndarray
     use: np.ndarray
+    slot: np.ndarray
     drawn: np.ndarray
 
 
@@ -151,13 +154,39 @@ def visit_plan(trace: SuperTrace, config: AcceleratorConfig) -> VisitPlan:
     """The batches and visits of a frame on a machine."""
     batches = cut_batches(trace.start, trace.places, config.batch_places)
     batch = np.repeat(np.arange(len(batches.supertile)), np.diff(batches.start))
+    places = np.bincount(batch, trace.places, len(batches.supertile)).astype(np.int64)
+    ahead = np.cumsum(trace.places, dtype=np.int64) - trace.places
+    ahead -= np.repeat(np.cumsum(places) - places, np.diff(batches.start))
     tile = np.repeat(np.arange(len(trace.counts)), trace.counts)
     y, x = np.divmod(np.arange(len(trace.counts)), trace.tiles_x)
     supertile = y // SUPER_Y * -(-trace.tiles_x // SUPER_X) + x // SUPER_X
     place = y % SUPER_Y * SUPER_X + x % SUPER_X
     tile_at = np.full((trace.supertiles, SUPER_TILES), -1, np.int64)
     tile_at[supertile, place] = np.arange(len(place))
-    key = batch[trace.pair] * SUPER_TILES + place[tile]
+    of_stream = []
+    for stream in range(trace.streams):
+        here = np.flatnonzero(trace.regions >> stream & 1)
+        key = batch[trace.pair[here]] * SUPER_TILES + place[tile[here]]
+        order = here[np.argsort(key, kind="stable")]
+        visits = _stream_visits(key, batches, tile_at)
+        of_stream.append((*visits, batches.final[visits[0]], trace.use[order], ahead[trace.pair[order]]))
+    visited, counts, seen, final, use, slot = (
+        np.concatenate(parts) for parts in zip(*(parts[1:] for parts in of_stream), strict=True))
+    begins = np.concatenate(([0], np.cumsum([len(parts[0]) for parts in of_stream])))
+    first = np.stack([np.searchsorted(parts[0], np.arange(len(places) + 1)) for parts in of_stream]) + begins[:-1, None]
+    return VisitPlan(
+        batches.supertile, places, first, visited, final.astype(np.uint8), np.concatenate(([0], np.cumsum(counts))), seen, use,
+        slot.astype(np.int32), visited[: begins[1]][final[: begins[1]]])
+
+
+def _stream_visits(key: np.ndarray, batches: Batches, tile_at: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The visits of a stream: batch, tile, number of entries, and the tile's entries before them.
+
+    Args:
+        key: (entries,) batch * SUPER_TILES + place of each of the stream's entries.
+        batches: the frame's batches.
+        tile_at: (super-tiles, SUPER_TILES) the tile at each place; -1 beyond the frame.
+    """
     held = np.bincount(key, minlength=len(batches.supertile) * SUPER_TILES).reshape(-1, SUPER_TILES)
     wanted = held > 0
     wanted[batches.final] = tile_at[batches.supertile[batches.final]] >= 0
@@ -168,11 +197,7 @@ def visit_plan(trace: SuperTrace, config: AcceleratorConfig) -> VisitPlan:
     firsts = np.flatnonzero(np.diff(visited[order], prepend=-1))
     seen = np.empty(len(at), np.int64)
     seen[order] = before - np.repeat(before[firsts], np.diff(np.append(firsts, len(at))))
-    final = batches.final[at]
-    return VisitPlan(
-        batches.supertile, np.bincount(batch, trace.places, len(batches.supertile)).astype(np.int64),
-        np.searchsorted(at, np.arange(len(batches.supertile) + 1)), visited, final.astype(np.uint8),
-        np.concatenate(([0], np.cumsum(counts))), seen, trace.use[np.argsort(key, kind="stable")], visited[final])
+    return at, visited, counts, seen
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,12 @@ from __future__ import annotations
 from perf import blending, bus, chunks, lists, memory, sorter, supertiles_batch, supertiles_gather
 from perf.bus import CHUNKS, COLOUR, ENTRIES, SPILL, TILES, W_FRAME, W_SPILL
 from perf.kernel import phase, step
-from perf.supertiles_batch import layout
+from perf.supertiles_batch import layout, stream_layout
 from spec.queues import LISTS_AHEAD
 
 layout.words("swept_before swept_since")
 
-__all__ = ["layout", "render_phase"]
+__all__ = ["layout", "render_phase", "stream_layout"]
 
 
 @step
@@ -29,21 +29,37 @@ def _asking(s, t):
 
 
 @step
-def _rows(s, t, granted, drawn, tile_times):
-    """Moves the array's rows to the pixel writer."""
-    offered = blending.rows_offered(s, t)
-    taken = blending.step_pixels(s, t, granted, offered, drawn, tile_times)
-    blending.count_rows(s, offered, taken)
-    if taken:
-        blending.take_row(s)
+def _arrays(s, streams, t, granted, batch_visit, visit_tile, visit_final, visit_entry, visit_seen, use, slot, stop, blend,
+            drawn, pending, done, tile_times):
+    """Steps the arrays, the pixel writer, and the sides of the batch buffer that deal."""
+    count, some, takes = len(streams), False, False
+    for q in range(count):
+        a = streams[q]
+        a.waiting = blending.buffered(a)
+        supertiles_batch.load_issue(a, t)
+        supertiles_batch.step_issue(s, a, q, t, visit_tile, visit_final, visit_entry, visit_seen, stop, blend, pending, done)
+    supertiles_batch.step_rows(s, streams, t, granted, drawn, tile_times)
+    for q in range(count):
+        a = streams[q]
+        there, taken = supertiles_batch.step_setup(
+            s, a, q, t, a.waiting, visit_tile, visit_final, visit_seen, use, stop, blend)
+        some, takes = some or there, takes or taken
+    s.busy_array += takes
+    s.blocked_array += some and not takes
+    if count > 1:
+        supertiles_batch.step_read(s, streams, t, slot)
+    for q in range(count):
+        supertiles_batch.step_deal(streams[q], q, t, batch_visit, visit_tile, visit_final, visit_entry, done)
+    supertiles_batch.release(s, streams)
 
 
 @phase
 def render_phase(
-    s, ways, list_counts, list_lasts, list_ends, page_beat, page_start, group_end, chunk_length, chunk_spill, chunk_last,
-    chunk_ends, arrival, stages, keys, part_runs, job_start, job_length, job_entries, job_out, job_waits, way_of, job_begin,
-    job_goal, missed, header_beat, record_beat, places, pair_counts, batch_supertile, batch_places, batch_visit, visit_tile,
-    visit_final, visit_entry, visit_seen, use, stop, blend, drawn, done, pending, tile_times, limit,
+    s, streams, ways, list_counts, list_lasts, list_ends, page_beat, page_start, group_end, chunk_length, chunk_spill,
+    chunk_last, chunk_ends, arrival, stages, keys, part_runs, job_start, job_length, job_entries, job_out, job_waits,
+    way_of, job_begin, job_goal, missed, header_beat, record_beat, places, pair_counts, batch_supertile, batch_places,
+    batch_visit, visit_tile, visit_final, visit_entry, visit_seen, use, slot, stop, blend, drawn, done, pending, tile_times,
+    limit,
 ):
     """Simulates the phase RENDER. Returns its cycles, or -1 when it has not ended within `limit` cycles."""
     for t in range(limit):
@@ -53,16 +69,13 @@ def render_phase(
         list_before = s.swept_before - s.list_taken
         waits = swept - s.list_taken - LISTS_AHEAD
         s.swept_before, s.swept_since = s.swept_since, swept  # an item takes two cycles through the queue before the reader
-        waiting = blending.buffered(s)
         if blending.pixels_finished(s, t):
             return t + 1
-        supertiles_batch.load_issue(s, t)
-        supertiles_batch.step_issue(s, t, visit_tile, visit_final, visit_entry, visit_seen, stop, blend, pending, done)
-        _rows(s, t, writer == W_FRAME, drawn, tile_times)
-        supertiles_batch.step_setup(s, t, waiting, visit_tile, visit_final, visit_seen, use, stop, blend)
-        supertiles_batch.step_deal(s, t, batch_visit, visit_tile, visit_final, visit_entry, done)
+        _arrays(
+            s, streams, t, writer == W_FRAME, batch_visit, visit_tile, visit_final, visit_entry, visit_seen, use, slot, stop,
+            blend, drawn, pending, done, tile_times)
         taken = supertiles_batch.places_taken(s, t)
-        supertiles_batch.step_fill(s, t, taken, batch_supertile, batch_places)
+        supertiles_batch.step_fill(s, streams, t, taken, batch_supertile, batch_places)
         supertiles_gather.step_colour(s, t, taken, places)
         supertiles_gather.step_project(s, t)
         supertiles_gather.step_supertiles(s, t, reader == TILES, pair_counts)

@@ -58,7 +58,9 @@ class SuperTrace:
             chunk. places: (pairs,) uint8, its levels.
         counts: (tiles,) int32 the intersections of each tile. blend: (tiles,) bool.
         pair: (intersections,) int32, by tile, in rendering order: the number of the pair. use: uint8 as in `Intersections`.
-        stop: (tiles, 2) int32, the intersections after which all pixels of a level bank have stopped; -1 where some never stop.
+        regions: (intersections,) uint8, the streams that have it, one bit each.
+        stop: (streams, tiles, 2) int32, the stream's intersections after which all pixels of a level bank have stopped; -1
+            where some never stop.
         survivors: the number of splats with a pair. filtered: that of intersections that the foveation filter dropped.
         record: the request as JSON-ready values. golden_seconds: the CPU time that rendering and tracing took.
     """
@@ -84,6 +86,7 @@ class SuperTrace:
     blend: np.ndarray
     pair: np.ndarray
     use: np.ndarray
+    regions: np.ndarray
     stop: np.ndarray
     survivors: int
     filtered: int
@@ -119,6 +122,11 @@ class SuperTrace:
         return len(self.pair)
 
     @property
+    def streams(self) -> int:
+        """The number of streams."""
+        return len(self.stop)
+
+    @property
     def supertile(self) -> np.ndarray:
         """(pairs,) int64, the super-tile of each pair."""
         return np.repeat(np.arange(self.supertiles), np.diff(self.start))
@@ -151,7 +159,9 @@ def super_trace(
         *_steps(frame, order), arrival.astype(np.int32), pairs.start,
         pairs.depth_key.astype(np.int64), pairs.splat.astype(np.int32), (pairs.index >> PLACE_BITS).astype(np.int32),
         np.unpackbits(pairs.levels[:, None], axis=1).sum(1).astype(np.uint8), np.diff(e.start).astype(np.int32),
-        r.header[:, 1] != 0, pairs.intersection.astype(np.int32), e.use, stop_entries(frame), len(np.unique(pairs.splat)),
+        r.header[:, 1] != 0, pairs.intersection.astype(np.int32), e.use,
+        np.ones(len(e.use), np.uint8) if frame.regions is None else frame.regions,
+        np.stack([stop_entries(frame, stream) for stream in range(frame.config.streams)]), len(np.unique(pairs.splat)),
         int(e.filtered), dict(record or {}), seconds + work_clock() - begin)
 
 
@@ -219,7 +229,7 @@ def trace_request(
     """
     if getattr(args, "stereo", False):
         with_two_eyes(config)  # raises
-    key = fingerprint(sources_of("perf.supertiles_trace"), VERSION, trace_key(args, config))
+    key = fingerprint(sources_of("perf.supertiles_trace"), VERSION, trace_key(args, config), config.streams)
     kept = cache / f"{key}.npz" if cache else None
     found = load_trace(kept) if kept and kept.is_file() else None
     if found:

@@ -116,6 +116,8 @@ beats, and in a model in spatial order survivors come close together."""
 LISTS = ("tile", "supertile")
 """What a list of intersections in memory belongs to; `spec.supertiles` describes the second."""
 
+MOST_STREAMS = 4  # arrays of a machine with several streams, one for each quarter of a tile
+
 WARP_FILLS = ("majority", "interior")
 """Rules by which the warp unit fills holes; docs/stereo.md compares them."""
 
@@ -169,12 +171,14 @@ class AcceleratorConfig:
         records: the format of a Gaussian in memory, "wide" or "compact"; the second needs chunks.
         lists: "tile": every tile has a list of its intersections, and splat records are stored in memory. "supertile": every
             super-tile has lists, and records are gathered and projected again (`spec.supertiles`); this needs compact records,
-            and the machine has one eye only. The four parameters below matter in such machines alone, `splat_cache_lines` in
+            and the machine has one eye only. The five parameters below matter in such machines alone, `splat_cache_lines` in
             the others alone.
         list_heads: number of lists, at least that of super-tiles in a frame of `row_width` by `row_width` pixels.
         buckets: whether a super-tile may have several lists, by depth.
         header_lines: number of chunk headers in the cache of the second phase, a power of two.
         batch_places: number of splat records in each half of the batch buffer, a power of two.
+        streams: number of arrays among which the cores are divided, 1 or 4. Each of four arrays renders a quarter of every tile
+            and takes a stream of its own from the batch buffer (`spec.supertiles`).
         formats: number formats.
     """
 
@@ -209,6 +213,7 @@ class AcceleratorConfig:
     buckets: bool = True
     header_lines: int = 256
     batch_places: int = 512
+    streams: int = 1
     formats: NumberFormats = field(default_factory=NumberFormats)
 
     def __post_init__(self) -> None:
@@ -222,7 +227,7 @@ class AcceleratorConfig:
             ("row_width", TILE, 8192), ("line_buffer_bytes", 64, 1 << 20),
             ("sort_buffer_bytes", 256, 1 << 24), ("merge_ways", 2, 32), ("splat_cache_lines", 4, 1 << 16),
             ("warp_lanes", 1, TILE), ("warp_columns", 4 * TILE, 8192), ("list_heads", 2, 1 << 14),
-            ("header_lines", 4, 1 << 14), ("batch_places", 16, 4096),
+            ("header_lines", 4, 1 << 14), ("batch_places", 16, 4096), ("streams", 1, MOST_STREAMS),
         ):
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool):
@@ -230,6 +235,8 @@ class AcceleratorConfig:
             if not low <= value <= high:
                 raise ValueError(f"{name} must be in {low}..{high}, not {value!r}")
         for name in ("cores_x", "cores_y"):
+            if getattr(self, name) < 2 * self.split:
+                raise ValueError(f"{name} must be at least 4 in a machine with streams, not {getattr(self, name)!r}")
             if TILE % getattr(self, name):
                 raise ValueError(f"{name} must divide {TILE}, not {getattr(self, name)!r}")
         for name in ("culling_units", "sort_buffer_bytes", "merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns",
@@ -255,6 +262,10 @@ class AcceleratorConfig:
             raise ValueError(f"records must be 'compact' in a machine with lists by super-tile, not {self.records!r}")
         if self.supertiles and self.stereo:
             raise ValueError("stereo must be False in a machine with lists by super-tile: `paper` renders two eyes")
+        if self.streams not in (1, MOST_STREAMS):
+            raise ValueError(f"streams must be 1 or {MOST_STREAMS}, not {self.streams!r}")
+        if self.streams > 1 and not self.supertiles:
+            raise ValueError(f"lists must be 'supertile' in a machine with streams, not {self.lists!r}")
         if self.stereo and not self.depth:
             raise ValueError(f"depth must be True in a machine with stereo, not {self.depth!r}")
         sigma = self.support_sigma
@@ -277,8 +288,33 @@ class AcceleratorConfig:
 
     @property
     def blocks(self) -> int:
-        """Blocks of a tile: the number of passes that the array makes over it."""
+        """Blocks of a tile, or of a stream's quarter of it: the number of passes that an array makes over it."""
         return (TILE // self.cores_x) * (TILE // self.cores_y)
+
+    @property
+    def split(self) -> int:
+        """Arrays side by side, and below each other: 1, or 2 with four streams."""
+        return 2 if self.streams > 1 else 1
+
+    @property
+    def region(self) -> int:
+        """Side in pixels of the part of a tile that one array renders: the tile, or its quarter."""
+        return TILE // self.split
+
+    @property
+    def array_x(self) -> int:
+        """Columns of pixel cores of one array."""
+        return self.cores_x // self.split
+
+    @property
+    def array_y(self) -> int:
+        """Rows of pixel cores of one array."""
+        return self.cores_y // self.split
+
+    @property
+    def batch_banks(self) -> int:
+        """Banks of the batch buffer's memory of records: two for each of several streams, which read side by side."""
+        return 2 * self.streams if self.streams > 1 else 1
 
     @property
     def level_banks(self) -> int:

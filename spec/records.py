@@ -188,7 +188,8 @@ def pixel_op(config: AcceleratorConfig) -> Record:
         place = (Field("place", uint((SUPER_TILES - 1).bit_length()), "number of the tile in its super-tile"),
                  Field("fresh", uint(1), "of a load: the state starts anew; 0: it comes from the state memory"))
     return Record("PixelOp", pixel_op.__doc__, (
-        Field("exponent", n.exponent, "exponent of alpha at the tile's first pixel, half an ulp of `cut` included"),
+        Field("exponent", n.exponent, "exponent of alpha at the first pixel of the tile, with streams of its quarter, half an "
+              "ulp of `cut` included"),
         Field("slope_x", n.slope, "first difference along x at the first pixel"),
         Field("slope_y", n.slope, "first difference along y at the first pixel"),
         Field("curve_xx", n.curvature, "second difference along x"),
@@ -207,8 +208,8 @@ def pixel_op(config: AcceleratorConfig) -> Record:
 
 
 def pixel_row(config: AcceleratorConfig) -> Record:
-    """Finished pixels, levels blended: `cores_x` neighbours of one row of a tile, left to right."""
-    n, lanes = config.formats, config.cores_x
+    """Finished pixels, levels blended: `array_x` neighbours of one row of a tile, left to right."""
+    n, lanes = config.formats, config.array_x
     return Record("PixelRow", pixel_row.__doc__, (
         Field("tile_x", uint(TILE_BITS), "tile column"),
         Field("tile_y", uint(TILE_BITS), "tile row"),
@@ -356,8 +357,8 @@ def surviving_splat(config: AcceleratorConfig) -> Record:
     return Record("SurvivingSplat", surviving_splat.__doc__, (
         *_projection(config),
         Field("levels", uint(MAX_LEVELS), "levels of the tiles in which it has intersections, one bit per level"),
-        *([Field("mask", uint(SUPER_TILES), "tiles of the super-tile in which it has intersections, one bit each")]
-          if config.supertiles else []),
+        *([Field("mask", uint(SUPER_TILES), "tiles of the super-tile in which it has intersections, one bit each; with "
+                 "streams, those whose quarter it meets, for each stream", config.streams)] if config.supertiles else []),
         Field("end", uint(1), "all splats of the frame have come; the rest means nothing"),
     ))
 

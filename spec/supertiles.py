@@ -50,6 +50,25 @@ the tiles of the super-tile that lie in the frame are visited in the order of th
 A visit begins with the load of the tile's state, or with a fresh state where the tile has not been visited before, and ends
 with its store, or with the tile's background and its rows. It takes the tile's places in order, but ends early once all pixels
 of the tile have stopped. A state is loaded only after the last row of its store is in the memory.
+
+**Streams.** With four streams (`config.streams`) the cores form four arrays of `array_x` by `array_y` cores, and array q
+renders a quarter of every tile, its *region*: `region` by `region` pixels, in column q % 2 and row q / 2 of the tile. An array
+has its own setup unit, its own state memory for the regions of a super-tile, and its own stream of visits and entries:
+
+- The batch buffer is filled once for all streams. Its half is free again when all streams have done with it; until then one
+  stream may be a batch ahead of another.
+- What is said of tiles in *Batches* and of visits holds for regions: a stream visits the regions of the tiles with a place in
+  the stream's mask, unless all of the region's pixels have stopped, and in the last batch those of all tiles. So all streams
+  visit the same tiles last, in the same order.
+- Quarters. A pair has a bit for tile and stream where it has an intersection with the tile, the columns of pixels that the
+  tile test found in the tile's 16 rows reach into the region, and the ellipse's extent along y, rounded to `mean2d`, reaches
+  within TILE_EDGE_MARGIN of the centre of the region's first or last row inside the frame, or beyond it. (With bounding boxes
+  instead of the exact test, where it has an intersection.) The test leaves out no pixel that an op could change, and a pair
+  may have a place with no bit at all.
+- The exponent is computed for the tile's centre as with one stream, and only then moved to the region's first pixel, which is
+  exact. So pixels do not depend on the number of streams.
+- Rows of `array_x` pixels leave in any order among streams; those of one stream as with one array.
+- `ops`, `skipped` and visits are sums over all streams. Batches are counted once.
 """
 
 from __future__ import annotations
@@ -133,7 +152,8 @@ def batch_place(config: AcceleratorConfig) -> Record:
     return Record("BatchPlace", batch_place.__doc__, (
         *splat_record(config).fields,
         Field("level", uint(2), "the level, 0..3"),
-        Field("mask", uint(SUPER_TILES), "tiles of the super-tile, of any level, with an intersection, one bit each"),
+        Field("mask", uint(SUPER_TILES), "tiles of the super-tile, of any level, with an intersection, one bit each; with "
+              "streams, those whose quarter it meets, for each stream", config.streams),
         Field("last", uint(1), "last place of its pair"),
     ))
 

@@ -174,14 +174,22 @@ class FrameBatches:
     def statistics(self) -> dict[str, int]:
         """Counts of the frame for stats.json; visits are those of a machine that does not know when a tile stops."""
         return {**self.events, "supertiles": len(self.grid.tile), "places": len(self.places.pair),
-                "visits": len(self.visits.tile), "lists": self.frame.bounds.lists}
+                "visits": sum(len(self.stream_visits(q).tile) for q in range(self.frame.config.streams)),
+                "lists": self.frame.bounds.lists}
 
     @cached_property
     def visits(self) -> Visits:
-        """The visits, in order, of a machine in which no tile stops."""
+        """The visits, in order, of a machine with one stream in which no tile stops."""
+        return self.stream_visits(0)
+
+    def stream_visits(self, stream: int) -> Visits:
+        """The visits of a stream, in order, if no pixel stops; `tile` names the tile whose region is visited."""
         b, grid, entries = self.batches, self.grid, self.frame.entries
-        tile = np.repeat(np.arange(len(grid.supertile)), np.diff(entries.start))
-        key = self.batch_of_pair[self.pairs.intersection] * SUPER_TILES + grid.place[tile]
+        here = np.arange(len(entries.splat))
+        if self.frame.regions is not None:
+            here = np.flatnonzero(self.frame.regions >> stream & 1)
+        tile = np.repeat(np.arange(len(grid.supertile)), np.diff(entries.start))[here]
+        key = self.batch_of_pair[self.pairs.intersection[here]] * SUPER_TILES + grid.place[tile]
         wanted = np.zeros((len(b.supertile), SUPER_TILES), bool)
         wanted.reshape(-1)[key] = True
         wanted[b.final] = grid.inside[b.supertile[b.final]]
@@ -191,7 +199,20 @@ class FrameBatches:
         fresh[np.unique(visited, return_index=True)[1]] = True
         counts = np.bincount(key, minlength=wanted.size)[wanted.reshape(-1)]
         start = np.concatenate(([0], np.cumsum(counts)))
-        return Visits(batch, visited, place, fresh, b.final[batch], start, np.argsort(key, kind="stable"))
+        return Visits(batch, visited, place, fresh, b.final[batch], start, here[np.argsort(key, kind="stable")])
+
+    @property
+    def stream_masks(self) -> np.ndarray:
+        """(P, streams) uint16: for each pair the tiles of the super-tile that each stream takes it to, one bit each."""
+        entries, streams = self.frame.entries, self.frame.config.streams
+        if self.frame.regions is None:
+            return self.pairs.mask[:, None]
+        tile = np.repeat(np.arange(len(self.grid.supertile)), np.diff(entries.start))
+        masks = np.zeros((len(self.pairs.splat), streams), np.uint16)
+        for stream in range(streams):
+            bits = (self.frame.regions >> stream & 1).astype(np.uint16) << self.grid.place[tile].astype(np.uint16)
+            np.bitwise_or.at(masks[:, stream], self.pairs.intersection, bits)
+        return masks
 
     @property
     def supertile_records(self) -> np.ndarray:
@@ -212,12 +233,13 @@ class FrameBatches:
         """(R,) BatchPlace records."""
         p = self.places
         rows = records_at(self.frame, self.pairs.splat[p.pair], p.level, batch_place(self.frame.config))
-        rows["level"], rows["mask"], rows["last"] = p.level, self.pairs.mask[p.pair], p.last
+        masks = self.stream_masks[p.pair]
+        rows["level"], rows["mask"], rows["last"] = p.level, masks if masks.shape[1] > 1 else masks[:, 0], p.last
         return rows
 
-    def visit_records_from(self, first: int) -> np.ndarray:
-        """(V,) TileVisit records of a frame whose first super-tile has this number."""
-        r, v = self.frame.registers, self.visits
+    def visit_records_from(self, first: int, stream: int = 0) -> np.ndarray:
+        """(V,) TileVisit records of a stream in a frame whose first super-tile has this number."""
+        r, v = self.frame.registers, self.stream_visits(stream)
         rows = np.zeros(len(v.tile), tile_visit(self.frame.config).dtype)
         rows["tile_y"], rows["tile_x"] = np.divmod(v.tile, r.tiles_x)
         rows["blend"], rows["outer"], rows["plane"] = r.header[v.tile, 1], r.header[v.tile, 2], r.plane[v.tile]
@@ -233,7 +255,11 @@ class FrameBatches:
     @property
     def entry_records(self) -> np.ndarray:
         """(E + V,) VisitEntry records: the entries of every visit, and an item with `end` behind them."""
-        v, taken = self.visits, self.frame.array_entries
+        return self.stream_entry_records(0)
+
+    def stream_entry_records(self, stream: int) -> np.ndarray:
+        """The `entry_records` of a stream."""
+        v, taken = self.stream_visits(stream), self.frame.array_entries
         rows = np.zeros(len(v.order) + len(v.tile), visit_entry(self.frame.config).dtype)
         ends = v.start[1:] + np.arange(len(v.tile))
         rows["end"][ends] = 1

@@ -12,6 +12,7 @@ from golden.kernels import work_clock
 from golden.msv2_ref import array, projection, sort, tile_merge, tile_test
 from golden.msv2_ref.buckets import Bounds, check_bounds, no_bounds
 from golden.msv2_ref.colour import splat_colours
+from golden.msv2_ref.regions import region_masks
 from golden.msv2_ref.supertiles import Pairs, find_pairs, list_counts, merge_lists
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import Display, FoveationMap, no_foveation
@@ -42,6 +43,7 @@ class Frame:
         rendered: (tiles,) bool: which tiles were rendered; the pixels of the others are 0. None: all tiles.
         pairs: with super-tiles, the pairs of splats and super-tiles in rendering order.
         bounds: with super-tiles, the bounds of their lists.
+        regions: with several streams, (E,) uint8: the streams that have each of the intersections, one bit each.
     """
 
     config: AcceleratorConfig
@@ -56,6 +58,7 @@ class Frame:
     rendered: np.ndarray | None = None
     pairs: Pairs | None = None
     bounds: Bounds | None = None
+    regions: np.ndarray | None = None
 
     def untiled(self, tiled: np.ndarray) -> np.ndarray:
         """A field of `pixels`, which is stored by tile, as (height, width, ...)."""
@@ -225,7 +228,9 @@ def render_frame(
     opacity, bound = words.geometry["log2_opacity"], words.geometry["bound"]
     tested = tile_test.tested_opacity(config, opacity, words.decoded.opacity)
     entries = tile_test.tile_intersections(config, projected, tested, bound, registers, order, obb=obb, rendered=rendered)
-    counts, pairs = np.diff(entries.start), None
+    counts, pairs, regions = np.diff(entries.start), None, None
+    if config.streams > 1:
+        regions = region_masks(config, projected, tested, registers, entries, obb=obb)
     if config.supertiles:
         pairs = find_pairs(registers, words.chunks, projected.depth_key, entries)
         bounds = bounds or no_bounds(len(pairs.start) - 1)
@@ -250,4 +255,5 @@ def render_frame(
     work = array.TileWork(header, registers.plane, entries.start, entries.splat, entries.use)
     pixels = array.render(config, splats, work, registers.background, rendered)
     seconds["array"] = clock() - begin
-    return Frame(config, registers, words, projected, entries, groups, splats, pixels, seconds, rendered, pairs, bounds)
+    return Frame(
+        config, registers, words, projected, entries, groups, splats, pixels, seconds, rendered, pairs, bounds, regions)

@@ -97,29 +97,39 @@ def _reach(y, narrow, l2, l3, limit, k):
     return min(max(np.floor(reach * k.mean_one + 0.5), 2 * k.mean_min), 2 * k.mean_max + 1)  # one bit more than `mean2d`
 
 
+@compiled(inline="always", error_model="numpy")
+def _span(mx, my, l1, l2, l3, limit, row, width, height, k):
+    """The first and last column of pixels (float64) whose centres the ellipse meets in a tile row, whether it meets none, and
+    how far it reaches along y in the `view` format. Both lengths and positions are in ulps of `mean2d`; `limit` is without its
+    margin."""
+    W, V, one, margin, half = k.to_work, k.to_view, k.mean_one, TILE_EDGE_MARGIN * k.mean_one, 0.5 * k.mean_one
+    right_edge, raised = width - 1.0, rnd(max(limit, 0.0) + TILE_REACH_MARGIN, W)
+    narrow, rise, slant = _shape(l1, l2, l3, k)
+    root = rnd(np.sqrt(raised), W)
+    rim, steep = rnd(root * rise, V), rnd(root * slant, V)
+    top, bottom = row * TILE, min(row * TILE + TILE, height)
+    low = max(rnd((top * one + half - my - margin) / one, V), -rim)
+    high = min(rnd((bottom * one - half - my + margin) / one, V), rim)
+    left = _reach(min(max(steep, low), high), narrow, l2, l3, raised, k)
+    right = _reach(min(max(steep, -high), -low), narrow, l2, l3, raised, k)
+    first, last = np.ceil((mx - left - margin - half) / one), np.floor((mx + right + margin - half) / one)
+    none = (limit < 0) | (low > high) | (first > last) | (first > right_edge) | (last < 0)
+    return max(first, 0.0), min(last, right_edge), none, rim
+
+
 @compiled(error_model="numpy")
 def _columns(block, scene, k):
     """For each run of a block, the first and last tile column whose pixel centres the ellipse meets; 1, 0 if there is none.
 
     One array and no branches, so that LLVM vectorises the loop. Integers (ulps of `mean2d`) are held in float64.
     """
-    W, V, one, margin, half = k.to_work, k.to_view, k.mean_one, TILE_EDGE_MARGIN * k.mean_one, 0.5 * k.mean_one
-    right_edge, height = scene.width - 1.0, float(scene.height)
+    width, height = float(scene.width), float(scene.height)
     for j in range(_BLOCK):
-        mx, my, l1, l2, l3 = block[_MX + j], block[_MY + j], block[_L1 + j], block[_L2 + j], block[_L3 + j]
-        limit = rnd(max(block[_LIMIT + j], 0.0) + TILE_REACH_MARGIN, W)
-        narrow, rise, slant = _shape(l1, l2, l3, k)
-        root = rnd(np.sqrt(limit), W)
-        rim, steep = rnd(root * rise, V), rnd(root * slant, V)
-        top, bottom = block[_ROW + j] * TILE, min(block[_ROW + j] * TILE + TILE, height)
-        low = max(rnd((top * one + half - my - margin) / one, V), -rim)
-        high = min(rnd((bottom * one - half - my + margin) / one, V), rim)
-        left = _reach(min(max(steep, low), high), narrow, l2, l3, limit, k)
-        right = _reach(min(max(steep, -high), -low), narrow, l2, l3, limit, k)
-        first, last = np.ceil((mx - left - margin - half) / one), np.floor((mx + right + margin - half) / one)
-        none = (block[_LIMIT + j] < 0) | (low > high) | (first > last) | (first > right_edge) | (last < 0)
-        block[_FIRST + j] = 1.0 if none else np.floor(max(first, 0.0) / TILE)
-        block[_LAST + j] = 0.0 if none else np.floor(min(last, right_edge) / TILE)
+        first, last, none, _ = _span(
+            block[_MX + j], block[_MY + j], block[_L1 + j], block[_L2 + j], block[_L3 + j], block[_LIMIT + j], block[_ROW + j],
+            width, height, k)
+        block[_FIRST + j] = 1.0 if none else np.floor(first / TILE)
+        block[_LAST + j] = 0.0 if none else np.floor(last / TILE)
 
 
 # The arrays are taken out of `scene` before the loops, because inside a loop numba would count references to them.

@@ -10,6 +10,9 @@ tiles, an entry a cycle. `spec.supertiles` says what a batch is and which tiles 
 
 from __future__ import annotations
 
+from functools import reduce
+from operator import and_
+
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
@@ -88,16 +91,17 @@ class BatchBuffer(wiring.Component):
             *(getattr(masks, name).eq(getattr(dealer, name)) for name in ("read_en", "read_tile", "read_word", "read_half")),
         ]
         released = Signal(2)  # the half whose last place has been read
-        inside = self._fill(m, masks, records.write_port(), dealer.batches, released)
+        inside = self._fill(m, [masks], [records.write_port()], dealer.batches, released)
         passed = self._deliver(m, items.source, records.read_port(transparent_for=()), released)
         m.d.comb += self.busy.eq(inside | dealer.busy | items.source.valid | passed)
         self._count(m, dealer.batches)
         return m
 
     def _fill(
-        self, m: Module, masks: BatchMasks, write: memory.WritePort, batches: stream.Interface, released: Signal,
+        self, m: Module, masks: list[BatchMasks], banks: list[memory.WritePort], batches: stream.Interface, released: Value,
     ) -> Value:
-        """Takes super-tiles and their places, and passes on complete batches; returns whether there is a super-tile.
+        """Takes super-tiles and their places, and passes on complete batches; returns whether there is a super-tile. Each
+        stream has masks of its own; the lowest bits of a place's number in its batch choose the bank.
 
         A super-tile is `held`; one of its batches is being filled while it is `open`, and waits to be dealt while `closed`.
         """
@@ -105,21 +109,27 @@ class BatchBuffer(wiring.Component):
         tile, place, batch = Signal(self.supertiles.payload.shape(), reset_less=True), self.places.payload, batches.payload
         held, open_, closed, final, half = Signal(), Signal(), Signal(), Signal(), Signal()
         full = Signal(2)  # halves with a batch that is being dealt
-        count, left = Signal(range(most), reset_less=True), Signal.like(self.supertiles.payload.pairs)
+        count, left = Signal(range(most), reset_less=True), Signal.like(self.supertiles.payload.pairs, name="left")
         sequence = Signal(SEQUENCE_BITS)
         taken, passes, last_pair, ends = Signal(), Signal(), Signal(), Signal()
+        ready, settled = (reduce(and_, (getattr(unit, name) for unit in masks)) for name in ("ready", "settled"))
+        low = len(banks).bit_length() - 1
         m.d.comb += [
-            self.places.ready.eq(open_ & masks.ready & ~full.bit_select(half, 1)),
+            self.places.ready.eq(open_ & ready & ~full.bit_select(half, 1)),
             taken.eq(self.places.valid & self.places.ready),
             last_pair.eq(place.last & (left == 1)),
             ends.eq(last_pair | place.last & (count >= most - MAX_LEVELS)),
-            write.en.eq(taken), write.addr.eq(Cat(count, half)),
-            *(write.data[name].eq(place[name]) for name in write.data.shape().members),
-            masks.take.eq(taken), masks.closes.eq(ends), masks.half.eq(half), masks.begin.eq(passes),
-            masks.tiles.eq(place.mask & Cat(tile.level[n] == place.level for n in range(SUPER_TILES))),
-            batches.valid.eq(closed & masks.settled & ~full.bit_select(half, 1)),
+            *(port.eq(value) for number, write in enumerate(banks) for port, value in (
+                (write.en, taken & (count[:low] == number) if low else taken),
+                (write.addr, Cat(count[low:] if low else count, half)),
+                *((write.data[name], place[name]) for name in write.data.shape().members))),
+            *(port.eq(value) for number, unit in enumerate(masks) for port, value in (
+                (unit.take, taken), (unit.closes, ends), (unit.half, half), (unit.begin, passes),
+                (unit.tiles, (place.mask[number] if len(masks) > 1 else place.mask) & Cat(
+                    tile.level[n] == place.level for n in range(SUPER_TILES))))),
+            batches.valid.eq(closed & settled & ~full.bit_select(half, 1)),
             *(batch[name].eq(tile[name]) for name in batch.shape().members if name in tile.shape().members),
-            batch.sequence.eq(sequence), batch.half.eq(half), batch.final.eq(final), batch.summary.eq(masks.summary),
+            batch.sequence.eq(sequence), batch.half.eq(half), batch.final.eq(final), batch.summary.eq(masks[0].summary),
             passes.eq(batches.valid & batches.ready),
             self.supertiles.ready.eq(~held | passes & final),
         ]

@@ -24,7 +24,7 @@ from rtl.vrc_array.array import chain, to_transmittance
 from rtl.vrc_array.batch_blocks import BatchSequencer
 from rtl.vrc_array.batch_collect import BatchCollect
 from rtl.vrc_array.batch_row import BatchRow
-from rtl.vrc_array.batch_setup import BatchSetup
+from rtl.vrc_array.batch_setup import BatchSetup, quarter_port
 from rtl.vrc_array.collect import place_layout
 from rtl.vrc_array.expand import Expand
 from rtl.vrc_array.pixel_state import PixelState
@@ -46,6 +46,8 @@ class BatchArray(wiring.Component):
         visits: visits of tiles. A tile's first one is `fresh`, its last one `final`; all visits of a super-tile follow each
             other.
         entries: the intersections of each visit in rendering order, then an item with `end`.
+        quarter: with streams, the column (bit 0) and the row (bit 1) of this array's region in its tile; constant. What is said
+            below of tiles then holds for their regions.
         background: r, g, b behind everything; must be stable during a frame.
         pixels: all pixel rows of every tile, ordered by final visit, then block (row-major), then row.
         current: the super-tile (`sequence`) of the last visit taken.
@@ -69,6 +71,7 @@ class BatchArray(wiring.Component):
         super().__init__({
             "visits": In(stream.Signature(layout(tile_visit(config)))),
             "entries": In(stream.Signature(layout(visit_entry(config)))),
+            **quarter_port(config),
             "background": In(data.ArrayLayout(shape(config.formats.colour), 3)),
             "pixels": Out(stream.Signature(layout(pixel_row(config)))),
             "current": Out(SEQUENCE_BITS),
@@ -86,7 +89,7 @@ class BatchArray(wiring.Component):
         m.submodules.expand = expand = Expand(self.config)
         m.submodules.collect = collect = self._collect
         m.submodules.state = state = PixelState(self.config)
-        rows = [add_shared(m, platform, f"row{y}", "batch_row", BatchRow, self.config) for y in range(self.config.cores_y)]
+        rows = [add_shared(m, platform, f"row{y}", "batch_row", BatchRow, self.config) for y in range(self.config.array_y)]
         wiring.connect(m, wiring.flipped(self.entries), setup.entries)
         wiring.connect(m, setup.ops, sequencer.ops)
         wiring.connect(m, collect.pixels, wiring.flipped(self.pixels))
@@ -105,6 +108,8 @@ class BatchArray(wiring.Component):
             self.current.eq(state.current),
             self.done.eq(state.done),
         ]
+        if self.config.streams > 1:
+            m.d.comb += [setup.quarter.eq(self.quarter), collect.quarter.eq(self.quarter)]
         chain(m, expand, rows, collect)
         in_flight = self._take_visits(m, setup, state, rows)
         m.d.comb += self.busy.eq(in_flight.any() | collect.busy | state.pending.any())

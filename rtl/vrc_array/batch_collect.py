@@ -6,12 +6,13 @@ as these are from each other, but needs no space in the output buffer.
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Signal, Value
+from amaranth.hdl import Cat, Module, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.pipeline import Pipeline, Staged
 from rtl.vrc_array.batch_row import state_layout
+from rtl.vrc_array.batch_setup import quarter_port
 from rtl.vrc_array.collect import Collect, place_latency
 from spec.config import AcceleratorConfig
 from spec.supertiles import SEQUENCE_BITS, SUPER_PLACES, check_supertiles
@@ -27,7 +28,7 @@ def stored_row(config: AcceleratorConfig) -> data.StructLayout:
         "blend": 1,
         "row": 4,  # in the tile
         "column": 4,  # first column in the tile
-        "pixels": data.ArrayLayout(state_layout(config), config.cores_x),
+        "pixels": data.ArrayLayout(state_layout(config), config.array_x),
     })
 
 
@@ -39,6 +40,7 @@ class BatchCollect(Collect):
 
         storing, place: the drain that is issued is a store; its tile.
         may_store: a store may be issued in this cycle.
+        quarter: with streams, the column (bit 0) and the row (bit 1) of the array's region in its tile; constant.
         stored: a row, place_latency + 1 cycles after `draining` for the first row of a drain.
     """
 
@@ -48,7 +50,7 @@ class BatchCollect(Collect):
 
     def _ports(self) -> dict[str, wiring.Member]:
         return {
-            **super()._ports(), "storing": In(1), "place": In(SUPER_PLACES), "may_store": Out(1),
+            **super()._ports(), **quarter_port(self.config), "storing": In(1), "place": In(SUPER_PLACES), "may_store": Out(1),
             "stored": Out(stored_row(self.config))}
 
     def elaborate(self, platform: object) -> Module:
@@ -66,6 +68,9 @@ class BatchCollect(Collect):
 
     def _admit(self, m: Module, room: Value, apart: Value) -> None:
         m.d.comb += [self.may_drain.eq(room & apart), self.may_store.eq(apart)]
+
+    def _in_tile(self, place: Value, axis: int) -> Value:
+        return Cat(place, self.quarter[axis]) if self.config.streams > 1 else place
 
     def _claims(self) -> Value:
         return self.draining & ~self.storing

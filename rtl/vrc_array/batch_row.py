@@ -89,7 +89,7 @@ class BatchRow(VrcRow):
         check_supertiles(config)
 
     def _ports(self) -> dict[str, wiring.Member]:
-        return {**super()._ports(), "state": In(data.ArrayLayout(state_layout(self.config), self.config.cores_x))}
+        return {**super()._ports(), "state": In(data.ArrayLayout(state_layout(self.config), self.config.array_x))}
 
     def _reads(self, op: Any) -> Value:
         return Const(1, 1)

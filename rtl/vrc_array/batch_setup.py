@@ -36,6 +36,11 @@ class _Slot(NamedTuple):
     state: Signal
 
 
+def quarter_port(config: AcceleratorConfig) -> dict[str, wiring.Member]:
+    """The port that tells an array of a machine with streams which quarter of the tiles is its region."""
+    return {"quarter": In(2)} if config.streams > 1 else {}
+
+
 class BatchSetup(SetupUnit):
     """Turns the intersections of each visit into pixel ops, and adds loads, stores and background ops.
 
@@ -45,6 +50,8 @@ class BatchSetup(SetupUnit):
     Ports: those of SetupUnit, but
 
         visits: in place of `tiles`; a visit is taken together with the last slot of the visit before.
+        quarter: with streams, the column (bit 0) and the row (bit 1) of the array's region in its tile, at whose first pixel
+            the polynomials are given; constant.
         entries: intersections; each visit's end with an item with `end`, which is taken with the last slot of the visit.
 
     Throughput: one slot per cycle. A visit takes a slot for its load, one for each intersection, one more for each that both
@@ -60,7 +67,10 @@ class BatchSetup(SetupUnit):
         ports = {name: port for name, port in super()._ports().items() if name not in ("tiles", "entries")}
         return {
             "visits": In(stream.Signature(layout(tile_visit(self.config)))),
-            "entries": In(stream.Signature(layout(visit_entry(self.config)))), **ports}
+            "entries": In(stream.Signature(layout(visit_entry(self.config)))), **quarter_port(self.config), **ports}
+
+    def _quarter(self) -> Value | None:
+        return self.quarter if self.config.streams > 1 else None
 
     def _header(self) -> data.View:
         return Signal(self.visits.payload.shape(), name="header")

@@ -27,7 +27,7 @@ BLEND_LATENCY = 3
 
 def weights_latency(config: AcceleratorConfig) -> int:
     """Cycles through `BlendWeights`: one for the products, two for sums, one per bit of the column index, one for the table."""
-    return 4 + (config.cores_x - 1).bit_length()
+    return 4 + (config.array_x - 1).bit_length()
 
 
 def check(config: AcceleratorConfig) -> None:
@@ -64,7 +64,7 @@ class BlendWeights(wiring.Component):
             "plane": In(data.ArrayLayout(shape(n.plane), 3)),
             "row": In(4),
             "column": In(4),
-            "weights": Out(data.ArrayLayout(shape(n.blend_weight), config.cores_x)),
+            "weights": Out(data.ArrayLayout(shape(n.blend_weight), config.array_x)),
         })
 
     def elaborate(self, platform: object) -> Module:
@@ -76,7 +76,7 @@ class BlendWeights(wiring.Component):
         moved = p.reg("moved", lambda a, b: a + b, down, across)
         values = {0: p.reg("t_0", lambda t, plane: t + plane, moved, start)}
         stride = 1
-        while stride < self.config.cores_x:
+        while stride < self.config.array_x:
             shift = stride.bit_length() - 1
             for x, t in list(values.items()):
                 values[x + stride] = p.reg(f"t_{x + stride}", lambda t, s, shift=shift: t + (s << shift), t, along_x)
@@ -113,7 +113,7 @@ class Blend(wiring.Component):
     def __init__(self, config: AcceleratorConfig):
         check(config)
         self.config = config
-        lanes = config.cores_x
+        lanes = config.array_x
         super().__init__({
             "valid": In(1),
             "pixels": In(data.ArrayLayout(data.ArrayLayout(pixel_layout(config), 2), lanes)),
@@ -124,7 +124,7 @@ class Blend(wiring.Component):
     def elaborate(self, platform: object) -> Module:
         m = Module()
         p = Pipeline(m, load=self.valid)
-        for x in range(self.config.cores_x):
+        for x in range(self.config.array_x):
             weight = p.data(f"weight_{x}", self.weights[x])
             inner, outer, mixed = self.pixels[x][0], self.pixels[x][1], self.mixed[x]
             for c in range(3):

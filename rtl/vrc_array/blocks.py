@@ -23,7 +23,6 @@ from rtl.pipeline import Pipeline
 from rtl.shapes import layout
 from rtl.vrc_array.expand import issue_layout
 from spec.config import AcceleratorConfig
-from spec.constants import TILE
 from spec.records import pixel_op
 
 
@@ -95,9 +94,9 @@ class BlockSequencer(wiring.Component):
     def _sequence(self, m: Module) -> None:
         """Steps the polynomial from block to block."""
         config = self.config
-        wide, high = (config.cores_x - 1).bit_length(), (config.cores_y - 1).bit_length()
-        column, row = Signal(range(TILE // config.cores_x)), Signal(range(TILE // config.cores_y))
-        last_column, last_row = column == TILE // config.cores_x - 1, row == TILE // config.cores_y - 1
+        wide, high = (config.array_x - 1).bit_length(), (config.array_y - 1).bit_length()
+        column, row = Signal(range(config.region // config.array_x)), Signal(range(config.region // config.array_y))
+        last_column, last_row = column == config.region // config.array_x - 1, row == config.region // config.array_y - 1
         advance = Signal()
         p = Pipeline(m, load=self.ops.valid & self.ops.ready, advance=advance)
         op, step_x, step_y = self._steps(p, wide, high)

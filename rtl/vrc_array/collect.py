@@ -46,7 +46,6 @@ from rtl.vrc_array.blend import BLEND_LATENCY, Blend, BlendWeights, weights_late
 from rtl.vrc_array.pixel_core import pixel_layout
 from rtl.vrc_array.row import PIPELINE, SUMS_LATER
 from spec.config import AcceleratorConfig
-from spec.constants import TILE
 from spec.records import TILE_BITS, pixel_row
 from spec.supertiles import SEQUENCE_BITS
 
@@ -78,7 +77,7 @@ def finished_row(config: AcceleratorConfig) -> wiring.Signature:
     return wiring.Signature({
         "draining": Out(1),
         "drained": Out(1),
-        "pixels": Out(data.ArrayLayout(pixel, config.cores_x)),
+        "pixels": Out(data.ArrayLayout(pixel, config.array_x)),
     })
 
 
@@ -111,10 +110,10 @@ class Collect(wiring.Component):
             raise TypeError(f"lines must be an integer or None, not {lines!r}")
         if lines is not None and not config.incremental:
             raise ValueError(f"lines must be None where the buffer holds two tiles, not {lines!r}")
-        if lines is not None and lines < config.cores_y:
-            raise ValueError(f"lines must be at least {config.cores_y}, not {lines!r}")
-        self.config, self.tile_rows = config, TILE * TILE // config.cores_x
-        self.lines = (config.cores_y if lines is None else lines) if config.incremental else 2 * self.tile_rows
+        if lines is not None and lines < config.array_y:
+            raise ValueError(f"lines must be at least {config.array_y}, not {lines!r}")
+        self.config, self.tile_rows = config, config.region**2 // config.array_x
+        self.lines = (config.array_y if lines is None else lines) if config.incremental else 2 * self.tile_rows
         super().__init__(self._ports())
 
     def _ports(self) -> dict[str, wiring.Member]:
@@ -123,7 +122,7 @@ class Collect(wiring.Component):
             "draining": In(1),
             "may_drain": Out(1),
             "places": In(stream.Signature(place_layout(config))),
-            "rows": In(finished_row(config)).array(config.cores_y),
+            "rows": In(finished_row(config)).array(config.array_y),
             "pixels": Out(stream.Signature(layout(pixel_row(config)))),
             "busy": Out(1),
         }
@@ -150,9 +149,9 @@ class Collect(wiring.Component):
             self._claim_rows(m, room, shown, leaves)
         else:
             self._claim_tiles(m, room, shown, comes, leaves)
-        wait = Signal(range(self.config.cores_y))
+        wait = Signal(range(self.config.array_y))
         self._admit(m, room, wait == 0)
-        m.d.sync += wait.eq(Mux(self.draining, self.config.cores_y - 1, wait - wait.any()))
+        m.d.sync += wait.eq(Mux(self.draining, self.config.array_y - 1, wait - wait.any()))
         self._buffer(m, {name: place[name].at(end) for name in ("valid", *_PLACE)}, mixed, shown)
         return pixels
 
@@ -164,13 +163,17 @@ class Collect(wiring.Component):
         """Whether a drain is issued whose rows need space in the buffer."""
         return self.draining
 
+    def _in_tile(self, place: Value, axis: int) -> Value:
+        """A row (`axis` 1) or column (0) of the array's part of the tile as one of the tile."""
+        return place
+
     def _valid(self, m: Module, p: Pipeline, running: Value, head: data.View) -> dict[str, Staged]:
         """Whether the row under way leaves as pixels, as `valid`."""
         return {"valid": p.control("valid", running)}
 
     def _claim_rows(self, m: Module, room: Signal, shown: Signal, leaves: Value) -> None:
         """Each drain claims space for its rows; the space of a row is free again when the row leaves."""
-        rows, free = self.config.cores_y, Signal(range(self.lines + 1), init=self.lines)
+        rows, free = self.config.array_y, Signal(range(self.lines + 1), init=self.lines)
         m.d.comb += [room.eq(free >= rows), shown.eq(1), self.busy.eq(free != self.lines)]
         m.d.sync += free.eq(free - Mux(self._claims(), rows, 0) + leaves)
 
@@ -195,10 +198,10 @@ class Collect(wiring.Component):
     def _places(self, m: Module) -> dict[str, Staged]:
         """The place of each row of a drain, starting in the cycle after the strobe."""
         config, head = self.config, self.places.payload
-        running, row = Signal(), Signal(range(config.cores_y))
-        column, block_row = Signal(range(TILE // config.cores_x)), Signal(range(TILE // config.cores_y))
-        row_ends = running & (row == config.cores_y - 1)
-        column_ends, tile_ends = column == TILE // config.cores_x - 1, block_row == TILE // config.cores_y - 1
+        running, row = Signal(), Signal(range(config.array_y))
+        column, block_row = Signal(range(config.region // config.array_x)), Signal(range(config.region // config.array_y))
+        row_ends = running & (row == config.array_y - 1)
+        column_ends, tile_ends = column == config.region // config.array_x - 1, block_row == config.region // config.array_y - 1
         m.d.comb += self.places.ready.eq(row_ends & column_ends & tile_ends)
         m.d.sync += [running.eq(self.draining | running & ~row_ends), row.eq(Mux(running & ~row_ends, row + 1, 0))]
         with m.If(row_ends):
@@ -207,8 +210,8 @@ class Collect(wiring.Component):
                 m.d.sync += block_row.eq(Mux(tile_ends, 0, block_row + 1))
         p = Pipeline(m, load=running)
         fields = {
-            "tile_x": head.tile_x, "tile_y": head.tile_y, "row": Cat(row, block_row),
-            "column": Cat(Const(0, (config.cores_x - 1).bit_length()), column),
+            "tile_x": head.tile_x, "tile_y": head.tile_y, "row": self._in_tile(Cat(row, block_row), 1),
+            "column": self._in_tile(Cat(Const(0, (config.array_x - 1).bit_length()), column), 0),
         }
         place = {name: p.data(name, value) for name, value in fields.items()}
         if config.level_banks == 2:

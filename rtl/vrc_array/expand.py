@@ -20,7 +20,7 @@ from spec.config import AcceleratorConfig
 
 def latency(config: AcceleratorConfig) -> int:
     """Cycles through the unit: one for each doubling of the columns."""
-    return (config.cores_x - 1).bit_length()
+    return (config.array_x - 1).bit_length()
 
 
 def issue_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -53,7 +53,7 @@ class Expand(wiring.Component):
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         self.config = config
-        n, columns = config.formats, config.cores_x
+        n, columns = config.formats, config.array_x
         super().__init__({
             "issue": In(issue_layout(config)),
             "op": Out(op_layout(config)),

@@ -30,7 +30,7 @@ from rtl.vrc_array.batch_row import state_layout
 from rtl.vrc_array.pixel_core import index_shape
 from rtl.vrc_array.row import SUMS_LATER
 from spec.config import AcceleratorConfig
-from spec.constants import SUPER_TILES, TILE
+from spec.constants import SUPER_TILES
 from spec.supertiles import SEQUENCE_BITS, SUPER_PLACES, check_supertiles
 from spec.tables import t_stop
 
@@ -110,7 +110,7 @@ class PixelState(wiring.Component):
             "loading": In(1),
             "storing": In(1),
             "stored": In(stored_row(config)),
-            "state": Out(data.ArrayLayout(state_layout(config), config.cores_x)),
+            "state": Out(data.ArrayLayout(state_layout(config), config.array_x)),
             "visit": In(1),
             "sequence": In(SEQUENCE_BITS),
             "current": Out(SEQUENCE_BITS),
@@ -121,7 +121,7 @@ class PixelState(wiring.Component):
     def elaborate(self, platform: object) -> Module:
         m = Module()
         last = Signal()  # the row that comes is the last of its tile
-        m.d.comb += last.eq(self.stored.row.all() & (self.stored.column == TILE - self.config.cores_x))
+        m.d.comb += last.eq(self._within(self.stored.row).all() & (self._within(self.stored.column) == self._last_column))
         apart = self._loads(m)
         self._hold(m, apart, last)
         self._judge(m, last)
@@ -139,9 +139,9 @@ class PixelState(wiring.Component):
 
     def _loads(self, m: Module) -> Value:
         """Reads the rows of loads; returns whether the next load may follow."""
-        config, row, running = self.config, Signal(range(self.config.cores_y)), Signal()
+        config, row, running = self.config, Signal(range(self.config.array_y)), Signal()
         place, fresh, block = (Signal.like(port, reset_less=True) for port in (self.place, self.fresh, self.block))
-        ends = row == config.cores_y - 1
+        ends = row == config.array_y - 1
         with m.If(self.loading):
             m.d.sync += [running.eq(1), place.eq(self.place), fresh.eq(self.fresh), block.eq(self.block)]
         with m.Elif(ends):
@@ -153,7 +153,7 @@ class PixelState(wiring.Component):
         address = p.data("address", Cat(row, down, block[:across], place))
         load, new = p.control("load", running), p.data("new", fresh)
         t_width = config.formats.transmittance.width
-        lanes = config.cores_x * config.level_banks
+        lanes = config.array_x * config.level_banks
         pixels, state = ([bank for lane in port for bank in lane] for port in (self.stored.pixels, self.state))
         begin = expand.latency(config)
         self._part(m, "transmittances", (1 << t_width * lanes) - 1, (load, new, address), begin,
@@ -164,9 +164,23 @@ class PixelState(wiring.Component):
         return ~running | ends
 
     @property
+    def _region_bits(self) -> int:
+        """Bits of a row's or a column's number in the region of the array."""
+        return (self.config.region - 1).bit_length()
+
+    @property
+    def _last_column(self) -> int:
+        """First column of a region's last block."""
+        return self.config.region - self.config.array_x
+
+    def _within(self, place: Value) -> Value:
+        """A row or column of the tile as one of the region."""
+        return place[: self._region_bits]
+
+    @property
     def _across(self) -> int:
         """Bits of a block's column."""
-        return (TILE // self.config.cores_x - 1).bit_length()
+        return (self.config.region // self.config.array_x - 1).bit_length()
 
     def _sums(self, pixel: data.View) -> list[Value]:
         return [*pixel.colour, *([pixel.depth] if self.config.depth else [])]
@@ -177,12 +191,14 @@ class PixelState(wiring.Component):
     ) -> None:
         """Adds the memory of a part of the state, which is read at `stage` of the addresses."""
         load, new, address = (part.at(stage) for part in read)
-        rows = SUPER_TILES * TILE * TILE // self.config.cores_x
+        rows = SUPER_TILES * self.config.region**2 // self.config.array_x
         m.submodules[name] = memory = StateMemory(sum(map(len, stored)), rows, start)
         m.d.comb += [
             memory.read.eq(load), memory.fresh.eq(new), memory.address.eq(address), Cat(*state).eq(memory.state),
             memory.write.eq(self.stored.valid), memory.data.eq(Cat(*stored)),
-            memory.row.eq(Cat(self.stored.row, self.stored.column[4 - self._across:], self.stored.place))]
+            memory.row.eq(Cat(
+                self._within(self.stored.row), self._within(self.stored.column)[self._region_bits - self._across:],
+                self.stored.place))]
 
     def _judge(self, m: Module, last: Value) -> None:
         """Finds out whether all pixels of a stored tile have stopped, a cycle after its rows."""

@@ -76,7 +76,7 @@ class PixelWriter(wiring.Component):
         packed, packed_room = Signal(), Signal()
         line, start, left, below = self._pack(m, packed, packed_room)
 
-        lanes, slots = self.config.cores_x, self.config.cores_x * PIXEL_WORDS + WORDS  # space to shift into
+        lanes, slots = self.config.array_x, self.config.array_x * PIXEL_WORDS + WORDS  # space to shift into
         held, inside = Signal(WORD_BITS * slots, reset_less=True), Signal(slots)
         beat, sends, ends, room = Signal(BEAT_BITS, reset_less=True), Signal(), Signal(), Signal()
         # used for the addresses only, because `self.display` already drives the multiplexers of all words
@@ -115,8 +115,8 @@ class PixelWriter(wiring.Component):
         """
         row = self.rows.payload
         y, column = Cat(row.row, row.tile_y), Cat(row.column, row.tile_x)
-        whole = Cat(self._whole(m, i) for i in range(self.config.cores_x))
-        display = Cat(self._display(i) for i in range(self.config.cores_x))
+        whole = Cat(self._whole(m, i) for i in range(self.config.array_x))
+        display = Cat(self._display(i) for i in range(self.config.array_x))
         line, start = Signal(len(whole), reset_less=True), Signal(BEAT_BITS + 1, reset_less=True)
         left, below = Signal((self.width - column).shape(), reset_less=True), Signal(reset_less=True)
         m.d.comb += self.rows.ready.eq(room)
@@ -145,7 +145,7 @@ class PixelWriter(wiring.Component):
 
     def _count(self, m: Module, busy: Value, inside: Value) -> None:
         """Counts tiles that have arrived and pixels that have left."""
-        row, tiles = Signal(range(TILE * TILE // self.config.cores_x)), Signal.like(self.tile_count)
+        row, tiles = Signal(range(TILE * TILE // self.config.array_x)), Signal.like(self.tile_count)
         with m.If(self.rows.valid & self.rows.ready):
             m.d.sync += row.eq(row + 1)  # a tile has a power of two of rows, so the counter wraps
             with m.If(row.all()):

@@ -110,8 +110,20 @@ class _Arithmetic:
         return self.p.reg(f"factor_{index}", lambda x: modular(x.shift_right(1) + x[0], self.n.factor), halves)
 
 
-def polynomial(p: Pipeline, n: NumberFormats, tile_x: Value, tile_y: Value, mean2d: data.View, conic: data.View) -> Polynomial:
-    """The registers of steps 1-6, from values at the input of `p`; the last of them is at stage 13."""
+def polynomial(
+    p: Pipeline, n: NumberFormats, tile_x: Value, tile_y: Value, mean2d: data.View, conic: data.View, *,
+    quarter: Value | None = None,
+) -> Polynomial:
+    """The registers of steps 1-6, from values at the input of `p`; the last of them is at stage 13.
+
+    With `quarter`, a constant signal with the column (bit 0) and the row (bit 1) of a quarter of the tile, the polynomial is
+    given at the first pixel of that quarter. Along an axis on which this is the pixel at the tile's centre, the steps from the
+    centre to the first pixel are left out.
+    """
+    def steps(x: Value, *axes: int) -> Value:
+        """A term of the way from the centre to the first pixel along these axes."""
+        return x if quarter is None else Mux(Cat(quarter[axis] for axis in axes).any(), 0, x)
+
     a, grid = _Arithmetic(p, n), n.exponent.frac_bits
     centre = Const((TILE + 1) << (n.mean2d.frac_bits - 1), n.mean2d.frac_bits + 4)  # the middle of pixel 8 is at 8.5
     dx = p.reg("dx", lambda mean, tile: Cat(centre, tile) - mean, p.data("mean_x", mean2d[0]), p.data("tile_x", tile_x))
@@ -141,11 +153,14 @@ def polynomial(p: Pipeline, n: NumberFormats, tile_x: Value, tile_y: Value, mean
     gx = p.reg("gx", lambda slope, curve: modular(slope + (curve >> 1), n.slope), slope_u, curve_xx)
     gy = p.reg("gy", lambda slope, curve: modular(slope + (curve >> 1), n.slope), slope_v, curve_yy)
 
-    curves_x, curves_y = a.add("curves_x", curve_xx, curve_xy), a.add("curves_y", curve_yy, curve_xy)
+    curves_x = p.reg("curves_x", lambda xx, xy: steps(xx, 0) + steps(xy, 1), curve_xx, curve_xy)
+    curves_y = p.reg("curves_y", lambda yy, xy: steps(yy, 1) + steps(xy, 0), curve_yy, curve_xy)
     slope_x = p.reg("slope_x", lambda g, curves: modular(g - (curves << 3), n.slope), gx, curves_x)
     slope_y = p.reg("slope_y", lambda g, curves: modular(g - (curves << 3), n.slope), gy, curves_y)
-    pure = p.reg("pure", lambda c: modular((c << 5) + (c << 2), n.exponent), a.add("curves", curve_xx, curve_yy))
-    curves = p.reg("curves_all", lambda x, y: modular(x + (y << 6), n.exponent), pure, curve_xy)
+    both = p.reg("curves", lambda xx, yy: steps(xx, 0) + steps(yy, 1), curve_xx, curve_yy)
+    pure = p.reg("pure", lambda c: modular((c << 5) + (c << 2), n.exponent), both)
+    curves = p.reg("curves_all", lambda x, y: modular(x + (steps(y, 0, 1) << 6), n.exponent), pure, curve_xy)
     falloff = p.reg("falloff", lambda x, q: modular(x - q, n.exponent), curves, q)
-    corner = p.reg("corner", lambda x, g: modular(x - (g << 3), n.exponent), falloff, a.add("g", gx, gy))
+    slopes = p.reg("g", lambda gx, gy: steps(gx, 0) + steps(gy, 1), gx, gy)
+    corner = p.reg("corner", lambda x, g: modular(x - (g << 3), n.exponent), falloff, slopes)
     return Polynomial(corner, slope_x, slope_y, curve_xx, curve_xy, curve_yy, kept)

@@ -84,7 +84,7 @@ class VrcRow(wiring.Component):
         super().__init__(self._ports())
 
     def _ports(self) -> dict[str, wiring.Member]:
-        config, n, columns = self.config, self.config.formats, self.config.cores_x
+        config, n, columns = self.config, self.config.formats, self.config.array_x
         exponents = data.ArrayLayout(signed(n.exponent.width), columns)
         slopes = data.ArrayLayout(signed(n.slope.width), columns)
         block = index_shape(config.blocks)
@@ -121,7 +121,7 @@ class VrcRow(wiring.Component):
         m = Module()
         op, valid = self._delayed(m)
         read, write, left = self._banks(m, op, valid)
-        columns = range(self.config.cores_x)
+        columns = range(self.config.array_x)
         cores = [add_shared(m, platform, f"core{x}", *self._core, self.config) for x in columns]
         for level, stopped in enumerate(self.stopped):
             m.d.comb += stopped.eq(Cat(core.stopped[level] for core in cores).all())

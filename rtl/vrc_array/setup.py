@@ -87,9 +87,14 @@ class SetupUnit(wiring.Component):
         header = self._header()
         slot = self._schedule(m, header, advance)
         p, entry = Pipeline(m, load=slot.load, advance=advance), self.entries.payload
-        terms = polynomial(p, self.config.formats, header.tile_x, header.tile_y, entry.mean2d, entry.conic)
+        terms = polynomial(p, self.config.formats, header.tile_x, header.tile_y, entry.mean2d, entry.conic,
+                           quarter=self._quarter())
         self._finish(m, p, header, slot, terms, buffer.sink)
         return m
+
+    def _quarter(self) -> Value | None:
+        """The quarter of the tile at whose first pixel polynomials are given; None where this is the tile's first pixel."""
+        return None
 
     def _header(self) -> data.View:
         """The register of the tile's header."""

@@ -19,7 +19,8 @@ def batch_array_playback(config: AcceleratorConfig) -> Playback:
     return Playback(
         name=f"batch-array-{config.cores_x}x{config.cores_y}", module="batch_array", verilog=emitted("batch_array", config),
         inputs=(Stream("visits", tile_visit(config)), Stream("entries", visit_entry(config))),
-        outputs=(Stream("pixels", pixel_row(config)),), settings=(("background", 3 * config.formats.colour.width),),
+        outputs=(Stream("pixels", pixel_row(config)),),
+        settings=(("background", 3 * config.formats.colour.width), *((("quarter", 2),) if config.streams > 1 else ())),
         observed=(*((name, COUNTER_BITS) for name in ("ops", "skipped", "waits")), ("busy", 1), ("current", SEQUENCE_BITS),
                   ("done", SUPER_TILES)),
         apart=("batch_core",))

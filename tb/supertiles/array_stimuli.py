@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from golden.msv2_ref.array import render_tiles
+from golden.msv2_ref.regions import region_of
 from spec import tables
 from spec.config import AcceleratorConfig
 from spec.constants import AMP_MAX, SUPER_TILES
@@ -23,12 +24,14 @@ class Visits:
         visits: TileVisit records.
         entries: VisitEntry records, with the `end` of every visit.
         done: tiles of the last super-tile that must be known to have stopped at the end, one bit each.
+        quarter: with streams, the quarter of the tiles that the array renders.
     """
 
     case: Case
     visits: np.ndarray
     entries: np.ndarray
     done: int
+    quarter: int = 0
 
 
 def split(
@@ -45,7 +48,7 @@ def split(
         unfinished: whether the last super-tile only has visits whose states are stored. Its pixels are not in the result's
             case.
     """
-    rng = np.random.default_rng(seed)
+    rng, quarter = np.random.default_rng(seed), seed % config.streams
     start = np.concatenate(([0], np.cumsum(case.headers["count"], dtype=np.int64)))
     visits, entries, done, first, sequence = [], [], 0, 0, int(rng.integers(1 << SEQUENCE_BITS))
     while first < len(case.headers):
@@ -66,11 +69,11 @@ def split(
                     seen.add(place)
                     if keeps:
                         so_far = case.entries[start[first + k] : cuts[k][batch + 1]]
-                        done |= _stopped(config, case.headers[first + k], so_far) << place
+                        done |= _stopped(config, case.headers[first + k], so_far, quarter) << place
         if keeps:
             case = replace(case, headers=case.headers[:first], entries=case.entries[: start[first]])
         first, sequence = end, (sequence + 1) % (1 << SEQUENCE_BITS)
-    return Visits(case, np.concatenate(visits), np.concatenate(entries), done)
+    return Visits(case, np.concatenate(visits), np.concatenate(entries), done, quarter)
 
 
 def _visit(config: AcceleratorConfig, header: np.void, place: int, sequence: int, fresh: bool, final: bool) -> np.ndarray:
@@ -93,8 +96,9 @@ def _closed(config: AcceleratorConfig, splats: np.ndarray) -> np.ndarray:
     return entries
 
 
-def _stopped(config: AcceleratorConfig, header: np.void, splats: np.ndarray) -> bool:
-    """Whether these intersections have stopped all pixels of a tile, by the golden renderer's transmittances of each level."""
+def _stopped(config: AcceleratorConfig, header: np.void, splats: np.ndarray, quarter: int) -> bool:
+    """Whether these intersections have stopped all pixels of a tile, or of its quarter, by the golden renderer's transmittances
+    of each level."""
     one = np.array([header])
     one["count"] = len(splats)
     background = np.zeros(3, np.int64)
@@ -105,7 +109,8 @@ def _stopped(config: AcceleratorConfig, header: np.void, splats: np.ndarray) -> 
         for corner in (0, 1 << config.formats.plane.frac_bits):  # weights of 0 and 1
             one["plane"] = corner, 0, 0
             levels.append(render_tiles(config, one, splats, background))
-    return all((level.transmittance < tables.t_stop(config.formats)).all() for level in levels)
+    part = region_of(config, quarter)
+    return all((level.transmittance[:, *part] < tables.t_stop(config.formats)).all() for level in levels)
 
 
 def stopping_case(config: AcceleratorConfig, name: str, seed: int, tiles: int = 32) -> Case:

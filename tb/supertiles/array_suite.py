@@ -17,6 +17,9 @@ from tb.vrc_array.array_check import golden_pixels, problems
 from tb.vrc_array.array_device import background_bits, rows_per_tile
 from tb.vrc_array.array_stimuli import CORNERS, Case, random_case
 
+STREAMS = TINY_V3.with_(name="tiny_streams", cores_x=8, cores_y=8, streams=4)
+"""Four arrays of 4 by 4 cores, each of which renders its region in four blocks."""
+
 VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny_v3": TINY_V3,
     "tiny_v3-1-level": TINY_V3.with_(levels=1),
@@ -24,6 +27,8 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny_v3-baseline": TINY_V3.with_(incremental=False),
     "v3-short": V3.with_(levels=1, depth=False, formats=SHORT_FORMATS),
     "v3": V3,
+    "tiny_streams": STREAMS,
+    "v3-4-streams": V3.with_(streams=4),
 }
 """Configurations that can be tested."""
 
@@ -44,11 +49,13 @@ class Planned(exact.Planned):
 
 
 def plan_of(config: AcceleratorConfig, frame: Visits, name: str | None = None, **options: object) -> Planned:
-    """The run that plays a frame; `options` are those of `Run`."""
-    case = frame.case
+    """The run that plays a frame; `options` are those of `Run`. The array of a stream renders the frame's quarter of tiles."""
+    case, settings = frame.case, {"background": background_bits(config, frame.case.background)}
+    if config.streams > 1:
+        settings["quarter"] = frame.quarter
     run = Run(
         name or case.name, {"visits": frame.visits, "entries": frame.entries},
-        {"pixels": len(case.headers) * rows_per_tile(config)}, {"background": background_bits(config, case.background)},
+        {"pixels": len(case.headers) * rows_per_tile(config)}, settings,
         **{"quiet": _QUIET, **options})
     return Planned(run, {}, frame=frame)
 
@@ -115,7 +122,7 @@ def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 def judge(config: AcceleratorConfig, item: Planned, recording: Recording) -> list[str]:
     """Everything that is wrong with a recording: pixels, the tiles that have stopped, and whether the array is at rest."""
     frame, last = item.frame, int(item.frame.visits["sequence"][-1])
-    wrong = problems(config, frame.case, recording, golden_pixels(config, frame.case))
+    wrong = problems(config, frame.case, recording, golden_pixels(config, frame.case), frame.quarter)
     for name, value in (("busy", 0), ("current", last), ("done", frame.done)):
         if recording.observed[name] != value:
             wrong.append(f"{name} is {recording.observed[name]:#x} at the end, not {value:#x}")

@@ -103,9 +103,18 @@ def case_of(config: AcceleratorConfig, name: str, supertiles: Sequence[Tiles], s
     for field in splat_record(config).fields:
         places[field.name] = records[field.name]
     if found:
-        places["level"], places["mask"], places["last"] = np.array(found).T
+        places["level"], masks, places["last"] = np.array(found).T
+        places["mask"] = masks if config.streams == 1 else _of_streams(config, masks, places["last"], rng)
     places["bound"] = np.maximum(places["bound"], places["level"])  # tiles of higher levels have no pair
     return Case(name, rows, places)
+
+
+def _of_streams(config: AcceleratorConfig, masks: np.ndarray, last: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(places, streams) random parts of each pair's mask, for all of its places the same; some are empty, some have all."""
+    pair = np.concatenate(([0], np.cumsum(last)[:-1]))
+    every = int(pair[-1]) + 1
+    bits = rng.random((every, config.streams, SUPER_TILES)) < rng.choice([0.0, 0.5, 0.8, 1.0], (every, config.streams, 1))
+    return (bits @ (1 << np.arange(SUPER_TILES)))[pair] & masks[:, None]
 
 
 def _with_last(levels: list[int]) -> list[tuple[int, bool]]:
@@ -133,14 +142,15 @@ def wanted_batches(config: AcceleratorConfig, case: Case) -> list[Batch]:
     return batches
 
 
-def wanted_visits(config: AcceleratorConfig, case: Case, sequence: int = 0) -> list[Visit]:
-    """All visits of a case without early stops. The first super-tile has number `sequence`."""
+def wanted_visits(config: AcceleratorConfig, case: Case, sequence: int = 0, stream: int = 0) -> list[Visit]:
+    """All visits of a stream of a case without early stops. The first super-tile has number `sequence`."""
     visits: list[Visit] = []
     seen: set[tuple[int, int]] = set()
     for number, batch in enumerate(wanted_batches(config, case)):
         tiles, places = case.supertiles[batch.supertile], case.places[batch.places]
+        masks = places["mask"].reshape(len(places), config.streams)[:, stream]
         for tile in range(SUPER_TILES):
-            mine = places[(places["mask"] >> tile & 1 == 1) & (places["level"] == tiles["level"][tile])]
+            mine = places[(masks >> tile & 1 == 1) & (places["level"] == tiles["level"][tile])]
             if tiles["inside"] >> tile & 1 and (len(mine) or batch.final):
                 fresh = (batch.supertile, tile) not in seen
                 row = _visit_row(config, tiles, tile, (sequence + batch.supertile) % (1 << SEQUENCE_BITS), fresh, batch.final)

@@ -127,16 +127,16 @@ def cleared(entries: np.ndarray) -> np.ndarray:
     return cleared
 
 
-def problems(item: Planned, recording: Recording) -> list[str]:
-    """What is wrong with a recording."""
+def problems(item: Planned, recording: Recording, most_entries: int = MOST_ENTRIES) -> list[str]:
+    """What is wrong with a recording. `most_entries` is the number of entries of a tile that may leave after it has stopped."""
     recording = replace(recording, outputs={**recording.outputs, "entries": cleared(recording.outputs["entries"])})
     if item.mode in (Mode.NEVER, Mode.STALE):
         return exact.problems(item, recording)
     left = replace(recording, errors=tuple(error for error in recording.errors if error != EXCESS))
-    return [*exact.problems(item, left), *_stopped_problems(item, recording)]
+    return [*exact.problems(item, left), *_stopped_problems(item, recording, most_entries)]
 
 
-def _stopped_problems(item: Planned, recording: Recording) -> list[str]:
+def _stopped_problems(item: Planned, recording: Recording, most_entries: int) -> list[str]:
     """What is wrong where tiles stop: every visit and every entry that is missing must be one of a tile that has stopped, and
     no more of them may come than were on their way."""
     rows, entries = recording.outputs["visits"], recording.outputs["entries"]
@@ -163,7 +163,7 @@ def _stopped_problems(item: Planned, recording: Recording) -> list[str]:
             found.append(f"visit {number} has other entries than it should have")
         if len(mine) < len(whole) and (before if item.mode is Mode.AT_END else counts[tile]) < limit:
             found.append(f"visit {number} has {count} entries, not {len(whole) - 1}, and its tile has not stopped")
-        if beyond > MOST_ENTRIES + late:
+        if beyond > most_entries + late:
             found.append(f"visit {number} has {beyond} entries of a tile that has stopped")
         if tile in stopped and not row["final"] and number - stopped[tile] > MOST_VISITS + late:
             found.append(f"visit {number} is of a tile that stopped in visit {stopped[tile]}")

@@ -8,7 +8,6 @@ import numpy as np
 
 from golden.msv2_ref.array import Pixels
 from spec.config import AcceleratorConfig
-from spec.constants import TILE
 from spec.queues import COUNTER_BITS
 from spec.records import array_splat, pixel_row, tile_header
 from tb.common.emission import emitted
@@ -32,17 +31,18 @@ def background_bits(config: AcceleratorConfig, background: np.ndarray) -> int:
 
 
 def rows_per_tile(config: AcceleratorConfig) -> int:
-    """Number of PixelRow items of one tile."""
-    return TILE * TILE // config.cores_x
+    """Number of PixelRow items of one tile, or of a stream's quarter of it."""
+    return config.region**2 // config.array_x
 
 
-def tiles_from_rows(config: AcceleratorConfig, headers: np.ndarray, rows: np.ndarray) -> Pixels:
+def tiles_from_rows(config: AcceleratorConfig, headers: np.ndarray, rows: np.ndarray, quarter: int = 0) -> Pixels:
     """Pixels by tile, from the array's rows in the order in which they came. Within a tile any order is accepted.
+    The array of a stream has the pixels of a quarter of each tile, here the one with this number.
 
     Raises:
         ValueError: the rows are not those of the headers' tiles, in the order of the headers, each exactly once.
     """
-    each, lanes = rows_per_tile(config), config.cores_x
+    each, lanes = rows_per_tile(config), config.array_x
     if len(rows) != each * len(headers):
         raise ValueError(f"{len(headers)} tiles must give {each * len(headers)} rows, not {len(rows)!r}")
     tile = np.repeat(np.arange(len(headers)), each)
@@ -50,13 +50,17 @@ def tiles_from_rows(config: AcceleratorConfig, headers: np.ndarray, rows: np.nda
         wrong = np.flatnonzero(rows[name] != headers[name][tile])
         if len(wrong):
             raise ValueError(f"row {wrong[0]} must have {name} {headers[name][tile[wrong[0]]]}, not {rows[name][wrong[0]]!r}")
-    place = (tile * TILE + rows["row"]) * (TILE // lanes) + rows["column"] // lanes
+    side, (top, left) = config.region, divmod(quarter, config.split)
+    row, column = rows["row"] - top * side, rows["column"] - left * side
+    if ((row < 0) | (row >= side) | (column < 0) | (column >= side)).any():
+        raise ValueError(f"every row must lie in quarter {quarter}")
+    place = (tile * side + row) * (side // lanes) + column // lanes
     if (rows["column"] % lanes).any() or len(np.unique(place)) != len(place):
         raise ValueError("every row of a tile must come once")
     order = np.argsort(place)
 
     def by_tile(values: np.ndarray, channels: int) -> np.ndarray:
-        return values[order].astype(np.int64).reshape(len(headers), TILE, TILE, channels)
+        return values[order].astype(np.int64).reshape(len(headers), side, side, channels)
 
     return Pixels(
         by_tile(rows["colour"], 3), by_tile(rows["depth"], 1)[..., 0], by_tile(rows["transmittance"], 1)[..., 0])

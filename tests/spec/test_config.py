@@ -116,9 +116,30 @@ def test_lists_by_super_tile_need_compact_records_and_one_eye():
         V3.with_(stereo=True)
 
 
+def test_streams_divide_the_cores_of_a_machine_with_super_tiles():
+    one, four = V3, V3.with_(streams=4)
+    assert (one.split, one.region, one.array_x, one.array_y, one.batch_banks) == (1, 16, 16, 16, 1)
+    assert (four.split, four.region, four.array_x, four.array_y, four.batch_banks) == (2, 8, 8, 8, 8)
+    small = TINY_V3.with_(streams=4)
+    assert (small.array_x, small.array_y, small.blocks) == (2, 2, TINY_V3.blocks)
+    for bad in (2, 3):
+        with pytest.raises(ValueError, match=rf"^streams must be 1 or 4, not {bad}$"):
+            V3.with_(streams=bad)
+    for bad in (0, 5):
+        with pytest.raises(ValueError, match=rf"^streams must be in 1..4, not {bad}$"):
+            V3.with_(streams=bad)
+    with pytest.raises(TypeError, match=r"^streams must be an integer, not 4.0$"):
+        V3.with_(streams=4.0)
+    with pytest.raises(ValueError, match=r"^lists must be 'supertile' in a machine with streams, not 'tile'$"):
+        PAPER.with_(streams=4)
+    for name in ("cores_x", "cores_y"):
+        with pytest.raises(ValueError, match=rf"^{name} must be at least 4 in a machine with streams, not 2$"):
+            V3.with_(streams=4, **{name: 2})
+
+
 def test_every_parameter_is_covered_here():
     assert {f.name for f in fields(AcceleratorConfig)} == {
-        *RANGES, *FLAGS, "name", "support_sigma", "formats", "warp_fill", "order", "records", "lists"}
+        *RANGES, *FLAGS, "name", "support_sigma", "formats", "warp_fill", "order", "records", "lists", "streams"}
 
 
 def test_frozen_keyword_only_and_hashable():

@@ -52,6 +52,18 @@ def test_a_state_that_is_not_loaded_is_caught(tmp_path):
     assert "colour is" in outcome.failures["fresh"][0]
 
 
+def test_an_array_of_four_renders_its_quarter(tmp_path):
+    """Each quarter in some of the runs; lists have entries of the other quarters, too."""
+    config = array_suite.STREAMS
+    plan = [*array_suite.random_plan(config, 0), *array_suite.hazard_plan(config, 1), *array_suite.stop_plan(config, 0)]
+    assert {item.frame.quarter for item in plan} == {0, 1, 2, 3} and any(item.frame.done for item in plan)
+    outcome = array_suite.run_plan(config, plan, tmp_path)
+    assert outcome.failures == {}
+    item = plan[1]
+    other = replace(item, frame=replace(item.frame, quarter=item.frame.quarter ^ 1))
+    assert array_suite.judge(config, other, outcome.recordings[item.name])
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", [name for name in array_suite.DISTINCT if name != "tiny_v3"])
 def test_other_machines_are_bit_exact(name, tmp_path):
