@@ -48,6 +48,7 @@ _BEFORE_SUPERTILES: dict[str, object] = {
     f.name: f.default for f in fields(AcceleratorConfig)
     if f.name in ("lists", "list_heads", "buckets", "header_lines", "batch_places")}
 _BEFORE_LOCKSTEP: dict[str, object] = {"lockstep": False}
+_BEFORE_STREAMS: dict[str, object] = {"streams": 1}
 _HASH_DIGITS = 8
 
 NAMES = tuple(_KINDS)
@@ -271,8 +272,8 @@ def config_options(args: argparse.Namespace) -> list[str]:
 
 
 def config_from_record(record: Mapping[str, object]) -> AcceleratorConfig:
-    """The machine that `config_record` described; where the record is from before machines with chunks, with super-tiles or
-    in lockstep, the machine has none.
+    """The machine that `config_record` described; where the record is from before machines with chunks, with super-tiles,
+    in lockstep or with several streams, the machine has none.
 
     Raises:
         InputError: a parameter is missing, unknown or not accepted.
@@ -282,7 +283,7 @@ def config_from_record(record: Mapping[str, object]) -> AcceleratorConfig:
         raise InputError(f"{FORMATS} {formats!r} is not accepted in a configuration's record: one value for each format is")
     given = {name: value for name, value in record.items() if name != FORMATS}
     given |= {f"{FORMATS}.{name}": value for name, value in formats.items()}
-    for before in (_BEFORE_CHUNKS, _BEFORE_SUPERTILES, _BEFORE_LOCKSTEP):
+    for before in (_BEFORE_CHUNKS, _BEFORE_SUPERTILES, _BEFORE_LOCKSTEP, _BEFORE_STREAMS):
         if not given.keys() & before.keys():
             given |= before
     missing = [name for name in NAMES if name not in given]

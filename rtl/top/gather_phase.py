@@ -22,6 +22,7 @@ from rtl.top.ports import connect_settings, phase_ports, watch
 from rtl.vrc_array.batch_array import BatchArray
 from rtl.vrc_array.pixel_writer import PixelWriter
 from spec.config import AcceleratorConfig
+from spec.errors import InputError
 from spec.queues import LISTS_AHEAD, OUTPUT_DRAINS, SUPERTILES_AHEAD
 from spec.records import (
     chunk_item,
@@ -104,6 +105,8 @@ class GatherPhase(wiring.Component):
             "supertiles": Out(stream.Signature(layout(supertile(config)))),
             "counted": Out(1), "overflow": Out(1), "saturated": Out(1)})
         check_supertiles(config)
+        if config.streams > 1:
+            raise InputError(f"streams {config.streams} is not accepted: the machine in RTL has one array, and 1 stream")
         self.config = config
 
     def elaborate(self, platform: object) -> Module:

@@ -106,8 +106,10 @@ def estimate_area(config: AcceleratorConfig) -> AreaEstimate:
     """The area of a machine.
 
     Raises:
-        InputError: a report of synthesis is missing.
+        InputError: a report of synthesis is missing, or the machine has several streams, of which none was synthesised.
     """
+    if config.streams > 1:
+        raise InputError(f"streams {config.streams} has no estimate of area: 1 has one")
     for name, build in BUILDS.items():
         if all(getattr(config, f.name) == getattr(build, f.name) for f in fields(config) if f.name not in NO_AREA):
             return AreaEstimate(_of_build(name), SYNTHESISED, name)
