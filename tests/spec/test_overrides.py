@@ -124,6 +124,12 @@ def test_a_record_from_before_lockstep_is_a_machine_without_it():
     assert config_from_record(record) == V3
 
 
+def test_a_record_from_before_streams_is_a_machine_with_one():
+    record = config_record(V3)
+    assert record.pop("streams") == 1
+    assert config_from_record(record) == V3
+
+
 def test_every_field_can_be_set():
     assert set(NAMES) == {f.name for f in fields(AcceleratorConfig)} - {"formats"} | {
         f"formats.{f.name}" for f in fields(NumberFormats)}

@@ -8,6 +8,7 @@ from rtl.top import bin_phase, gather_phase, geometry_phase, machine, render_pha
 from rtl.top.splat_path import SplatPath
 from spec import registers
 from spec.config import TINY, TINY_V3, V3
+from spec.errors import InputError
 
 UNITS = (bin_phase.BinPhase, gather_phase.GatherPhase, SplatPath)
 
@@ -41,3 +42,8 @@ def test_each_machine_has_its_own_phases():
     for config, phases in ((TINY, (geometry_phase.GeometryPhase, render_phase.RenderPhase)),
                            (TINY_V3, (bin_phase.BinPhase, gather_phase.GatherPhase))):
         assert machine.phases(config) == phases
+
+
+def test_several_streams_are_refused():
+    with pytest.raises(InputError, match="streams 4 is not accepted: the machine in RTL has one array, and 1 stream"):
+        gather_phase.GatherPhase(V3.with_(streams=4))

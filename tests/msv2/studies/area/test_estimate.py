@@ -79,3 +79,8 @@ def test_chunks_add_the_logic_of_their_units():
     assert more["culling and conversion"] == pytest.approx(units["geometry.bounds"] + units["geometry.chunk_test"])
     assert 0 < more["lists and memory ports"] < units["geometry.headers"] + units["geometry.reader"] + units["queue_chunks"]
     assert more["array"] == more["sorting and tile merging"] == 0
+
+
+def test_several_streams_have_no_estimate():
+    with pytest.raises(InputError, match="streams 4 has no estimate of area: 1 has one"):
+        estimate_area(V3.with_(streams=4))
