@@ -60,8 +60,9 @@ class Report:
 
     @property
     def cost(self) -> str:
-        """The processor time in minutes as text: the measured time, or the estimate after a tilde."""
-        measured = (self.provenance or {}).get("cpu_seconds")
+        """The processor time in minutes as text: the measured time, or after a tilde the estimate, where no run made all."""
+        found = self.provenance or {}
+        measured = None if found.get("earlier") else found.get("cpu_seconds")
         return f"{max(measured / 60, 0.1):,.1f}" if measured is not None else f"~{self.minutes:,.0f}"
 
 

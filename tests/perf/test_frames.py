@@ -52,5 +52,5 @@ def test_each_machine_has_its_energies(traces):
     trace = traces[TINY_V3]
     found = modelled_energy(trace, supertile, TINY_V3, table)
     assert found.as_json() == frame_energy(
-        super_counts(trace, supertile, TINY_V3), supertile.total, TINY_V3, super_table(table, trace, TINY_V3)).as_json()
+        super_counts(trace, supertile, TINY_V3), supertile.total, TINY_V3, super_table(table, TINY_V3)).as_json()
     assert "record_fetch" in found.by_unit() and "splat_fetch" not in found.by_unit()

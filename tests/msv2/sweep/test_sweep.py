@@ -202,7 +202,7 @@ def test_names_of_both_mean_the_frames(sweep):
     assert {"levels", "depth", "stereo"} <= set(options())
     args, asked = points_of({"base": {"levels": 2, "set": {"levels": 3}}})[0].checked()
     assert asked.config.levels == 3 and args.levels == 2
-    args, _ = points_of({"base": {"stereo": True}})[0].checked()
+    args, _ = points_of({"base": {"stereo": True, "config": "paper_small"}})[0].checked()
     assert args.stereo and args.ipd > 0
     assert {"scene", "clock_mhz", "set.depth"} <= set(points.names()) and "set.stereo" not in points.names()
 

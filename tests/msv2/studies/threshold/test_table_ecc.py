@@ -40,7 +40,6 @@ from msv2.studies.threshold import (  # noqa: E402
     text,
     v1_model,
 )
-from spec.config import CONFIGS  # noqa: E402
 from spec.errors import InputError  # noqa: E402
 from spec.paths import ROOT  # noqa: E402
 from tests.helpers.training_samples import small_dense  # noqa: E402
@@ -119,7 +118,7 @@ def test_cycles_are_the_machines():
     rows = json.loads((ROOT / "reports" / "model_rtl.json").read_text())["rows"]
     measured = next(row for row in rows if "target_cycles" in row and row["size"] == [128, 128])
     args = model_study.request(measured, "embedded")
-    frame = render_request(args, resolve(args), CONFIGS[measured["config"]].with_(stereo=True))
+    frame = render_request(args, resolve(args), model_study.machine(measured))
     found = measure.stereo_cycles(frame)
     assert found["stages"]["sort"] == measured["entries"]
     total = sum(measured[f"{phase}_cycles"] for phase in ("table", "geometry", "render"))  # without clearing after the reset

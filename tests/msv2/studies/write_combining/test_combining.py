@@ -58,12 +58,14 @@ def test_docs_quote_the_report():
 
 
 def test_the_report_is_what_the_command_writes(monkeypatch, tmp_path):
-    """For the frame that needs no data and little time."""
+    """For the frame that needs no data and little time. Its number of entries is not compared: by one or two it depends on the
+    CPU, whose vector instructions give the last bits of the scene's scales and rotations."""
     monkeypatch.setattr(study, "FRAMES", (View("embedded", "640x360"),))
     assert study.main(["--out", str(tmp_path / "report.md")]) == 0
-    lines = (tmp_path / "report.md").read_text().splitlines()
-    report = REPORT.read_text().splitlines()
-    assert lines == report[: len(lines)] and "embedded 640x360" in lines[-1]
+    text, report = (tmp_path / "report.md").read_text(), REPORT.read_text()
+    *head, row = text.splitlines()
+    assert head == report.splitlines()[: len(head)] and "embedded 640x360" in row
+    assert shares(text)["embedded 640x360"] == shares(report)["embedded 640x360"]
 
 
 def test_frames_without_their_scene_are_left_out(monkeypatch, tmp_path, capsys):
