@@ -109,8 +109,8 @@ def copied(monkeypatch, tmp_path):
     """The command with a stand-in that has the golden pixels to copy; settings may be changed."""
     changes, run_of = {}, whole.frame_run
 
-    def with_golden_pixels(frame, *args, display=False):
-        run = run_of(frame, *args, display=display)
+    def with_golden_pixels(frame, *args, display=False, **how):
+        run = run_of(frame, *args, display=display, **how)
         preset(frame.config, tmp_path / "sim", counters_of(frame, display))
         if display:
             patterns = pack(display_pixel(frame.config), display_pixels(frame).reshape(-1), 8)[:, :DISPLAY_PIXEL_BYTES]
