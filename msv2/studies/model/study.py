@@ -108,6 +108,9 @@ TIMED_SECONDS = 10.0
 RENAMED = {"default": PAPER_SMALL, "v3": V3_RECORDS}
 """The machines of frames in reports of before `default` and `v3` had lists by super-tile, by the names that they had."""
 
+CAMERA_FILES = ("inside", "away")
+"""Cameras that `msv2.studies.results` makes for single frames; a report's row does not hold them."""
+
 PHASES = ("table", "geometry", "render")
 COMMANDS = ("activates", "refreshes")
 TOTAL_GOAL, STAGE_GOAL, SPEED_GOAL = 0.02, 0.05, 500
@@ -284,7 +287,7 @@ def frames() -> tuple[list[dict], list[str]]:
     for name in RTL_REPORTS:
         path = newest(REPORTS / f"{name}.json")
         rows += [dict(row, report=name) for row in json.loads(path.read_text())["rows"]] if path.is_file() else []
-    rows = [row for row in rows if row.get("bit_exact") and row["entries"]]
+    rows = [row for row in rows if row.get("bit_exact") and row["entries"] and row.get("camera") not in CAMERA_FILES]
     missing = sorted({row["scene"] for row in rows if scene_argument(row["scene"]) is None})
     return [row for row in rows if row["scene"] not in missing], missing
 
