@@ -24,6 +24,10 @@ from spec.private import locked
 COMMAND = "tb.frame.__main__"
 """The module behind `python -m tb.frame`."""
 
+INSIDE, AWAY = "inside", "away"
+"""The names of cameras that are made for single frames: inside the model, and one that sees nothing of it. Reports hold the
+name alone, so that such a frame cannot be made again from its report."""
+
 
 def simulate(scene: str, options: Sequence[str], out: Path) -> dict[str, object]:
     """Simulates a frame and returns its numbers. The pictures are written to `out`.

@@ -14,16 +14,14 @@ from __future__ import annotations
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
-from amaranth.lib.wiring import In, Out
 
 from rtl.pixels.block_packer import BlockPacker
 from rtl.pixels.block_rows import BlockRows
-from rtl.shapes import layout, shape
+from rtl.shapes import layout
+from rtl.vrc_array.pixel_writer import frame_writer_ports
 from spec.config import AcceleratorConfig
-from spec.memory import WORD_BITS, WORDS, frame_settings, write_request
+from spec.memory import WORD_BITS, WORDS, write_request
 from spec.packed import BLOCKS, ENTRIES, ENTRY_BITS, SLOT_BEATS
-from spec.queues import COUNTER_BITS
-from spec.records import frame_tiles, pixel_row
 
 _SETTINGS = ("width", "height", "frame_base")
 _LOW = (ENTRIES - 1).bit_length()
@@ -54,18 +52,7 @@ class FramePacker(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig):
         self._rows, self._packer, self._config = BlockRows(config), BlockPacker(config), config
-        settings = {f.name: In(shape(f.format)) for f in frame_settings(config).fields if f.name in _SETTINGS}
-        super().__init__({
-            "rows": In(stream.Signature(layout(pixel_row(config)))),
-            "writes": Out(stream.Signature(layout(write_request(config)))),
-            "writes_idle": In(1),
-            **settings,
-            "tile_count": In(range(frame_tiles(config) + 1)),
-            "begin": In(1),
-            "pixels": Out(COUNTER_BITS),
-            "finished": Out(1),
-            "busy": Out(1),
-        })
+        super().__init__(frame_writer_ports(config, _SETTINGS))
 
     def elaborate(self, platform: object) -> Module:
         m = Module()

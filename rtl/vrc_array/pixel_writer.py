@@ -12,6 +12,7 @@ gives no beat::
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
@@ -31,6 +32,26 @@ PIXEL_WORDS = PIXEL_BYTES // 4
 """32-bit words of a FramePixel; a DisplayPixel is one word."""
 
 _SETTINGS = ("width", "height", "display", "frame_base")
+
+
+def frame_writer_ports(config: AcceleratorConfig, settings: Collection[str]) -> dict[str, wiring.Member]:
+    """The ports of a unit that writes the array's pixel rows to a frame in memory, which `PixelWriter` describes.
+
+    Args:
+        config: the machine.
+        settings: the names of the settings of the frame that the unit uses.
+    """
+    return {
+        "rows": In(stream.Signature(layout(pixel_row(config)))),
+        "writes": Out(stream.Signature(layout(write_request(config)))),
+        "writes_idle": In(1),
+        **{f.name: In(shape(f.format)) for f in frame_settings(config).fields if f.name in settings},
+        "tile_count": In(range(frame_tiles(config) + 1)),
+        "begin": In(1),
+        "pixels": Out(COUNTER_BITS),
+        "finished": Out(1),
+        "busy": Out(1),
+    }
 
 
 class PixelWriter(wiring.Component):
@@ -58,18 +79,7 @@ class PixelWriter(wiring.Component):
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         self.config = config
-        settings = {f.name: In(shape(f.format)) for f in frame_settings(config).fields if f.name in _SETTINGS}
-        super().__init__({
-            "rows": In(stream.Signature(layout(pixel_row(config)))),
-            "writes": Out(stream.Signature(layout(write_request(config)))),
-            "writes_idle": In(1),
-            **settings,
-            "tile_count": In(range(frame_tiles(config) + 1)),
-            "begin": In(1),
-            "pixels": Out(COUNTER_BITS),
-            "finished": Out(1),
-            "busy": Out(1),
-        })
+        super().__init__(frame_writer_ports(config, _SETTINGS))
 
     def elaborate(self, platform: object) -> Module:
         m = Module()

@@ -1,9 +1,15 @@
-"""A wrapper for test benches of units that write a frame to memory: it starts frames and models the memory's idle signal."""
+"""Test benches of units that write a frame to memory, which start frames and model the memory's idle signal."""
 
 from __future__ import annotations
 
 from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
+
+from spec.config import AcceleratorConfig
+from spec.memory import BEAT_BITS, write_request
+from spec.queues import COUNTER_BITS
+from spec.records import frame_tiles, pixel_row
+from tb.common.bench import Bench
 
 IDLE_AFTER = 9
 """Cycles after a write until the memory model reports that it is idle."""
@@ -25,3 +31,28 @@ def frame_by_frame(m: Module, bench: wiring.Component, unit: wiring.Component) -
     with m.Elif(wait.any()):
         m.d.sync += wait.eq(wait - 1)
     m.d.sync += bench.early.eq((bench.early | finished & (written | wait.any())) & ~unit.begin)
+
+
+class FrameWriterBench(Bench):
+    """A unit that writes pixel rows to a frame in memory, with frames and a memory supplied by `frame_by_frame`.
+
+    Parameters:
+        config: the machine.
+        unit: the unit, with the ports of `rtl.vrc_array.pixel_writer.frame_writer_ports`.
+        settings: widths of the unit's settings besides those that all such units have.
+    """
+
+    def __init__(self, config: AcceleratorConfig, unit: wiring.Component, settings: dict[str, int]):
+        self._unit = unit
+        super().__init__(
+            {"rows": pixel_row(config)}, {"writes": write_request(config)},
+            {"width": 14, "height": 14, **settings, "frame_base": BEAT_BITS, "tile_count": frame_tiles(config).bit_length(),
+             "frame": 8},
+            {"pixels": COUNTER_BITS, "finished": 1, "busy": 1, "early": 1})
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        m.submodules.unit = self._unit
+        self.join(m, self._unit)
+        frame_by_frame(m, self, self._unit)
+        return m

@@ -175,15 +175,16 @@ def _stopped_problems(item: Planned, recording: Recording, most_entries: int) ->
     return found
 
 
-def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Cases by hand and at random, with every pattern of pauses, cut off, back to back, and with tiles that stop."""
-    plan, places = Plan(config), config.batch_places
+def add_cases(plan: Plan, config: AcceleratorConfig, seed: int, ports: Sequence[str]) -> None:
+    """Adds cases by hand and at random, with every pattern of pauses at `ports`, cut off, and back to back. `plan` may be that
+    of `tb.supertiles.stream_suite`, too."""
+    places = config.batch_places
     for make in DIRECTED:
         plan.add(make(config))
     for k in range(4):
         plan.add(random_case(config, f"random {k}", seed * 100 + k))
     case = random_case(config, "streams", seed, supertiles=6)
-    for name, patterns in every_pattern(PORTS, seed).items():
+    for name, patterns in every_pattern(ports, seed).items():
         plan.add(case, name, patterns=patterns)
     for cycles in (3, places // 2, places + 20, 3 * places):
         plan.add(random_case(config, "", seed), f"cut off after {cycles} cycles", abort=cycles)
@@ -191,6 +192,12 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     for k in range(4):
         plan.add(random_case(config, "", seed + 2 + k % 2, supertiles=5), f"back to back {k}", reset=k == 0, quiet=0)
     plan.add(random_case(config, "tiles of the super-tile before have stopped", seed), mode=Mode.STALE)
+
+
+def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """The cases of `add_cases`, and those of tiles that stop."""
+    plan = Plan(config)
+    add_cases(plan, config, seed, PORTS)
     return [*plan.runs, *stop_plan(config, seed)]
 
 

@@ -12,12 +12,12 @@ import numpy as np
 from spec.config import TINY_V3, V3, AcceleratorConfig
 from spec.supertiles import SEQUENCE_BITS
 from tb.common import exact
-from tb.common.exact import Outcome, every_pattern
+from tb.common.exact import Outcome
 from tb.common.player import Recording, Run
 from tb.common.runner import Waves
 from tb.supertiles import batch_suite
 from tb.supertiles.batch_device import Mode, playback
-from tb.supertiles.batch_stimuli import DIRECTED, EVERY, Case, Tiles, case_of, random_case, wanted_batches, wanted_visits
+from tb.supertiles.batch_stimuli import EVERY, Case, Tiles, case_of, random_case, wanted_batches, wanted_visits
 from tb.supertiles.batch_suite import MOST_ENTRIES
 
 STREAMS = TINY_V3.with_(name="tiny_streams", cores_x=8, cores_y=8, streams=4)
@@ -88,21 +88,9 @@ def problems(item: Planned, recording: Recording) -> list[str]:
 
 
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Cases by hand and at random, with every pattern of pauses, cut off, back to back, and with regions that stop."""
+    """The cases of `batch_suite.add_cases`, and those of regions that stop."""
     plan, places = Plan(config), config.batch_places
-    for make in DIRECTED:
-        plan.add(make(config))
-    for k in range(4):
-        plan.add(random_case(config, f"random {k}", seed * 100 + k))
-    case = random_case(config, "streams", seed, supertiles=6)
-    for name, patterns in every_pattern(PORTS, seed).items():
-        plan.add(case, name, patterns=patterns)
-    for cycles in (3, places + 20, 3 * places):
-        plan.add(random_case(config, "", seed), f"cut off after {cycles} cycles", abort=cycles)
-        plan.add(random_case(config, "", seed + 1, supertiles=3), f"whole frame after a reset at {cycles}")
-    for k in range(3):
-        plan.add(random_case(config, "", seed + 2 + k % 2, supertiles=5), f"back to back {k}", reset=k == 0, quiet=0)
-    plan.add(random_case(config, "regions of the super-tile before have stopped", seed), mode=Mode.STALE)
+    batch_suite.add_cases(plan, config, seed, PORTS)
     dense = case_of(config, "dense", [
         Tiles([EVERY] * places * 3), Tiles([1] * places * 3, inside=1), Tiles([]), Tiles([0x8001] * places * 2)], seed)
     for mode in (Mode.AT_ONCE, Mode.AT_END, Mode.LATE):

@@ -28,7 +28,7 @@ from golden.scenes.request import parse_request, resolve
 from msv2.studies.destination import newest
 from msv2.studies.page import table, write_page
 from msv2.studies.record import write_report
-from msv2.studies.rtl_frame import COMMAND, kept_frame
+from msv2.studies.rtl_frame import AWAY, COMMAND, INSIDE, kept_frame
 from perf import supertiles_trace
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.supertiles import simulate_supertiles
@@ -36,7 +36,7 @@ from perf.supertiles_plan import steady_bounds
 from perf.supertiles_trace import SuperTrace
 from perf.trace import FrameTrace, trace_request
 from spec.command_line import choice, command_parser
-from spec.config import MACHINES, PAPER_SMALL, V3, V3_RECORDS, AcceleratorConfig
+from spec.config import MACHINES, PAPER_SMALL, V3, AcceleratorConfig
 from spec.effects import EffectPlan
 from spec.errors import InputError
 from spec.paths import REPORTS, ROOT
@@ -105,11 +105,8 @@ _LARGE_ROW = {"size": (1920, 1080), "gaze": (960, 540), "levels": 4}
 
 TIMED_SECONDS = 10.0
 
-RENAMED = {"default": PAPER_SMALL, "v3": V3_RECORDS}
-"""The machines of frames in reports of before `default` and `v3` had lists by super-tile, by the names that they had."""
-
-CAMERA_FILES = ("inside", "away")
-"""Cameras that `msv2.studies.results` makes for single frames; a report's row does not hold them."""
+RENAMED = {"default": PAPER_SMALL}
+"""The machines of frames in reports of before `default` had lists by super-tile, by the names that they had."""
 
 PHASES = ("table", "geometry", "render")
 COMMANDS = ("activates", "refreshes")
@@ -287,7 +284,7 @@ def frames() -> tuple[list[dict], list[str]]:
     for name in RTL_REPORTS:
         path = newest(REPORTS / f"{name}.json")
         rows += [dict(row, report=name) for row in json.loads(path.read_text())["rows"]] if path.is_file() else []
-    rows = [row for row in rows if row.get("bit_exact") and row["entries"] and row.get("camera") not in CAMERA_FILES]
+    rows = [row for row in rows if row.get("bit_exact") and row["entries"] and row.get("camera") not in (INSIDE, AWAY)]
     missing = sorted({row["scene"] for row in rows if scene_argument(row["scene"]) is None})
     return [row for row in rows if row["scene"] not in missing], missing
 

@@ -38,8 +38,8 @@ from msv2.studies.catalogue import BY_NAME
 from msv2.studies.destination import KEEP, keeping, tell
 from msv2.studies.record import liberties, write_report
 from msv2.studies.results.tables import PAGES, fill
+from msv2.studies.rtl_frame import AWAY, INSIDE, kept_frame
 from msv2.studies.rtl_frame import COMMAND as FRAME_COMMAND
-from msv2.studies.rtl_frame import kept_frame
 from msv2.studies.scenes import BENCH, EXACT, EXACT_LARGE, ORDER, SPEED, TRAINING, View, available, places
 from spec.config import PAPER, V3
 from spec.errors import InputError
@@ -95,7 +95,7 @@ def measure_frames_v3() -> None:
               if not more or of.scene not in {view.scene for view in EXACT_LARGE}]
     model = load_scene(EMBEDDED).model
     camera = orbit_camera(model, 0, 1, 128, 128)
-    inside = _camera("inside", replace(camera, translation=-camera.rotation @ np.median(model.means, axis=0)))
+    inside = _camera(INSIDE, replace(camera, translation=-camera.rotation @ np.median(model.means, axis=0)))
     wanted += [(of, "--config", "v3", "--camera", inside) for of in (replace(EXACT[0], gaze=None), EXACT[0])]
     write_report(REPORTS / "frames_v3.json", {"rows": frame_rows(wanted)}, [__name__, FRAME_COMMAND], {"config": V3},
                  places((*EXACT, *EXACT_LARGE)))
@@ -108,7 +108,7 @@ def measure_machine() -> None:
                "--bandwidth", bandwidth)
               for view in SPEED for bandwidth in BANDWIDTHS for switch in "10"]
     camera = orbit_camera(load_scene(EMBEDDED).model, 0, 1, 128, 128)
-    away = _camera("away", replace(camera, translation=camera.translation - [0, 0, 1e3]))  # in front, and looking away
+    away = _camera(AWAY, replace(camera, translation=camera.translation - [0, 0, 1e3]))  # in front, and looking away
     wanted += [(View("rock_sh3", "640x360"), "--config", "paper", "--pixels", "display", "--bandwidth", bandwidth)
                for bandwidth in BANDWIDTHS]
     wanted += [(View(EMBEDDED, "128x128"), "--config", "paper", "--camera", away, "--bandwidth", bandwidth)
