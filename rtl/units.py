@@ -105,9 +105,9 @@ def _of_compact(config: AcceleratorConfig) -> AcceleratorConfig:
 
 
 def _of_supertiles(config: AcceleratorConfig) -> AcceleratorConfig:
-    """The machine, or where its lists are those of tiles the same one with super-tiles, V3's records and one eye."""
+    """The machine; where its lists are by tile the same one with super-tiles, V3's records, one eye and no lockstep."""
     return config if config.supertiles else config.with_(
-        order=V3.order, chunks=V3.chunks, records=V3.records, lists=V3.lists, stereo=False)
+        order=V3.order, chunks=V3.chunks, records=V3.records, lists=V3.lists, stereo=False, lockstep=False)
 
 
 UNITS: dict[str, Unit] = {
