@@ -69,17 +69,18 @@ def _shots(renderer: Renderer) -> Shots:
 
 
 def _supertiles() -> Mapping[str, InSuperTiles]:
-    return {name: InSuperTiles(with_giant(*at, 9500), view(), (24, 20), (2, 2)) for name, at in AWAY.items()}
+    return {name: InSuperTiles(with_giant(*at, 9500), view(), (23, 21), (2, 2)) for name, at in AWAY.items()}
 
 
 def _chunks() -> Mapping[str, InChunks]:
-    return {"right": InChunks(with_giant(*AWAY["right"], 9500), 2, 2, SCENE)}
+    return {"right, in chunks": InChunks(with_giant(*AWAY["right"], 9500), 1, 1, SCENE)}
 
 
 def _eyes() -> Mapping[str, TwoEyes]:
     """The giant lies beyond the guard band for the eye on one side, and within it for the other."""
-    model = with_giant(16384 - 32 + 50, 0, 12000)
-    return {eye: TwoEyes(model, view(), 0.5, source_eye=eye) for eye in ("left", "right")}
+    end = 16384 - 32  # the target eye sees the giant 100 pixels farther to the left, or to the right
+    return {"left": TwoEyes(with_giant(end + 50, 0, 12000), view(), 0.5, source_eye="left"),
+            "right": TwoEyes(with_giant(end - 50, 0, 12000), view(), 0.5, source_eye="right")}
 
 
 def _other_machines() -> None:
