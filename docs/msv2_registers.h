@@ -540,7 +540,8 @@
 /* Gaussians culled because they are too faint to be seen at any level (read) */
 #define MSV2_CULLED_FAINT 0x4E0u
 
-/* Gaussians culled because their projection is degenerate or touches no tile of the frame (read) */
+/* Gaussians culled because they touch no tile of the frame, or their mean is out of `mean2d`'s
+   range (read) */
 #define MSV2_CULLED_OUTSIDE 0x4E4u
 
 /* Gaussians with at least one intersection (read) */
@@ -638,7 +639,8 @@
 /* visits of tiles in the array (only with super-tiles) (read) */
 #define MSV2_VISITS 0x560u
 
-/* splats whose projected mean has a coordinate at its least or largest value (read) */
+/* Gaussians culled as outside only because their projected mean has a coordinate at its least or
+   largest value (read) */
 #define MSV2_SATURATED_MEANS 0x600u
 
 /* splats with the largest depth (read) */

@@ -160,7 +160,7 @@ EVENTS = {
     "points": "Gaussians read",
     "culled_near": "Gaussians culled because they lie at or before the near plane",
     "culled_faint": "Gaussians culled because they are too faint to be seen at any level",
-    "culled_outside": "Gaussians culled because their projection is degenerate or touches no tile of the frame",
+    "culled_outside": "Gaussians culled because they touch no tile of the frame, or their mean is out of `mean2d`'s range",
     "survivors": "Gaussians with at least one intersection",
     "entries": "intersections written to the tile lists, or, with super-tiles, those that pairs stand for",
     "filtered": "intersections that the foveation filter dropped",

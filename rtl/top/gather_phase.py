@@ -34,7 +34,7 @@ from spec.records import (
     tile_group,
 )
 from spec.registers import CHUNK_READ_CLIENTS
-from spec.saturations import SATURATIONS
+from spec.saturations import WATCHED
 from spec.supertiles import check_supertiles, supertile
 
 READERS, WRITERS = ("tiles", "colour", "entries", "spill", *CHUNK_READ_CLIENTS), ("spill", "frame")
@@ -43,7 +43,7 @@ READERS, WRITERS = ("tiles", "colour", "entries", "spill", *CHUNK_READ_CLIENTS),
 STAGES = ("list_read", "sort", "handover", "fetch", "colour", "batch", "array", "pixel_write")
 """Stages of this phase whose input streams are watched by the performance counters."""
 
-_SATURATED = tuple(s.name for s in SATURATIONS if s.stream == "views")
+_SATURATED = tuple(s.name for s in WATCHED if s.stream == "views")
 
 _COUNTS = (
     "groups", "spilled_entries", "header_hits", "header_misses", "batches", "visits", "ops", "skipped", "pixels", *_SATURATED)
