@@ -121,7 +121,6 @@ MOST_STREAMS = 4  # arrays of a machine with several streams, one for each quart
 WARP_FILLS = ("majority", "interior")
 """Rules by which the warp unit fills holes; docs/stereo.md compares them."""
 
-
 _NO_LONGER = (("position", "view"), ("work", "view"), ("conic", "view"), ("scale", "work"))
 """Pairs of small floats, of which the first enters operators of the second unchanged. It must not have more significand bits:
 a sum with a longer operand would not round correctly, and an operator of the second format has no space for more bits."""
@@ -179,6 +178,7 @@ class AcceleratorConfig:
         batch_places: number of splat records in each half of the batch buffer, a power of two.
         streams: number of arrays among which the cores are divided, 1 or 4. Each of four arrays renders a quarter of every tile
             and takes a stream of its own from the batch buffer (`spec.supertiles`).
+        packed: whether the machine can pack frames for displays (`spec.packed`); this needs lists by super-tile.
         formats: number formats.
     """
 
@@ -214,6 +214,7 @@ class AcceleratorConfig:
     header_lines: int = 256
     batch_places: int = 512
     streams: int = 1
+    packed: bool = False
     formats: NumberFormats = field(default_factory=NumberFormats)
 
     def __post_init__(self) -> None:
@@ -222,9 +223,8 @@ class AcceleratorConfig:
         if not self.name.isidentifier():
             raise ValueError(f"name must be an identifier, not {self.name!r}")
         for name, low, high in (
-            ("cores_x", 2, TILE), ("cores_y", 2, TILE), ("levels", 1, MAX_LEVELS),
-            ("sh_degree", 0, MAX_SH_DEGREE), ("culling_units", 1, MOST_CULLING_UNITS),
-            ("row_width", TILE, 8192), ("line_buffer_bytes", 64, 1 << 20),
+            ("cores_x", 2, TILE), ("cores_y", 2, TILE), ("levels", 1, MAX_LEVELS), ("sh_degree", 0, MAX_SH_DEGREE),
+            ("culling_units", 1, MOST_CULLING_UNITS), ("row_width", TILE, 8192), ("line_buffer_bytes", 64, 1 << 20),
             ("sort_buffer_bytes", 256, 1 << 24), ("merge_ways", 2, 32), ("splat_cache_lines", 4, 1 << 16),
             ("warp_lanes", 1, TILE), ("warp_columns", 4 * TILE, 8192), ("list_heads", 2, 1 << 14),
             ("header_lines", 4, 1 << 14), ("batch_places", 16, 4096), ("streams", 1, MOST_STREAMS),
@@ -244,12 +244,10 @@ class AcceleratorConfig:
             if getattr(self, name) & (getattr(self, name) - 1):
                 raise ValueError(f"{name} must be a power of two, not {getattr(self, name)!r}")
         for name in ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks", "buckets",
-                     "lockstep"):
+                     "lockstep", "packed"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"{name} must be a bool, not {getattr(self, name)!r}")
-        if self.warp_fill not in WARP_FILLS:
-            raise ValueError(f"warp_fill must be one of {', '.join(WARP_FILLS)}, not {self.warp_fill!r}")
-        for name, accepted in (("order", ORDERS), ("records", RECORDS), ("lists", LISTS)):
+        for name, accepted in (("warp_fill", WARP_FILLS), ("order", ORDERS), ("records", RECORDS), ("lists", LISTS)):
             if getattr(self, name) not in accepted:
                 raise ValueError(f"{name} must be one of {', '.join(accepted)}, not {getattr(self, name)!r}")
         if self.chunks and self.order != "spatial":
@@ -264,8 +262,9 @@ class AcceleratorConfig:
             raise ValueError("stereo must be False in a machine with lists by super-tile: `paper` renders two eyes")
         if self.streams not in (1, MOST_STREAMS):
             raise ValueError(f"streams must be 1 or {MOST_STREAMS}, not {self.streams!r}")
-        if self.streams > 1 and not self.supertiles:
-            raise ValueError(f"lists must be 'supertile' in a machine with streams, not {self.lists!r}")
+        for name, has in (("streams", self.streams > 1), ("packed frames", self.packed)):
+            if has and not self.supertiles:
+                raise ValueError(f"lists must be 'supertile' in a machine with {name}, not {self.lists!r}")
         if self.stereo and not self.depth:
             raise ValueError(f"depth must be True in a machine with stereo, not {self.depth!r}")
         sigma = self.support_sigma
@@ -378,6 +377,7 @@ PAPER_SMALL = PAPER.with_(name="paper_small", culling_units=2, row_width=1280, w
 V3 = PAPER.with_(name="v3", order="spatial", chunks=True, records="compact", lists="supertile")
 V3_RECORDS = V3.with_(name="v3_records", lists="tile")
 """Half of the way from PAPER to V3, which reports/v3.md measures: chunks of compact records, and lists by tile."""
+V3_PACKED = V3.with_(name="v3_packed", packed=True)
 DEFAULT = V3.with_(name="default", culling_units=2, row_width=1280)
 
 SHORT_FORMATS = NumberFormats(
@@ -395,6 +395,5 @@ PRESETS = {config.name: config for config in (PRECISE, BALANCED, FAST)}
 
 CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER, V3, *PRESETS.values())}
 
-MACHINES = CONFIGS | {config.name: config for config in (TINY_V3, PAPER_BASE, PAPER_SMALL, V3_RECORDS)}
-"""What command lines take as a machine's name: those above, a small V3 for tests, the paper's baseline, PAPER with a smaller
-front end, and the step between PAPER and V3."""
+MACHINES = CONFIGS | {config.name: config for config in (TINY_V3, PAPER_BASE, PAPER_SMALL, V3_RECORDS, V3_PACKED)}
+"""What command lines take as a machine's name."""

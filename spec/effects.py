@@ -107,6 +107,18 @@ def with_two_eyes(config: AcceleratorConfig) -> AcceleratorConfig:
     return config.with_(stereo=True)
 
 
+def with_packed_frames(config: AcceleratorConfig) -> AcceleratorConfig:
+    """`config`, which packs frames.
+
+    Raises:
+        InputError: the machine does not pack frames.
+    """
+    if not config.packed:
+        raise InputError(f"pixels 'packed' are not accepted: config {config.name!r} packs no frames; config 'v3_packed' does, "
+                         "and so does a machine with lists by super-tile and `packed=true`")
+    return config
+
+
 def machine_with(config: AcceleratorConfig, active: Collection[str], sh_degree: int) -> AcceleratorConfig:
     """`config` with those effects and no others; `sh_degree` is the degree of its harmonics, 0 without the effect `sh`.
 

@@ -8,6 +8,7 @@ from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
 from rtl.culling.saturations import SaturationCounters
+from rtl.pixels.frame_writer import FrameWriter
 from rtl.shapes import layout
 from rtl.sort_tmu.handover import handover
 from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
@@ -68,6 +69,8 @@ class GatherPhase(wiring.Component):
     Neither reader of lists keeps the other waiting for ever: that of super-tiles takes all lists of a frame without waiting,
     and ListReader has space for more lists than a super-tile has, so that a super-tile comes before its pairs.
 
+    Where the machine packs frames, FrameWriter stands in PixelWriter's place.
+
     Parameters:
         config: the machine, with super-tiles; `incremental` selects the handover behind the sorter.
 
@@ -120,7 +123,7 @@ class GatherPhase(wiring.Component):
         m.submodules.batches = batches = BatchBuffer(self.config)
         rows = OUTPUT_DRAINS * self.config.cores_y if self.config.incremental else None
         m.submodules.array = array = BatchArray(self.config, lines=rows)
-        m.submodules.writer = writer = PixelWriter(self.config)
+        m.submodules.writer = writer = FrameWriter(self.config) if self.config.packed else PixelWriter(self.config)
         for unit in (reader, sorter, fetch, colour, batches, array, writer):
             connect_settings(m, self, unit)
         m.d.comb += [
@@ -196,7 +199,7 @@ class GatherPhase(wiring.Component):
 
     def _count(
         self, m: Module, sorter: HierarchicalSorter, fetch: RecordFetch, colour: PairColour, batches: BatchBuffer,
-        array: BatchArray, writer: PixelWriter,
+        array: BatchArray, writer: PixelWriter | FrameWriter,
     ) -> None:
         m.submodules.saturations = counts = SaturationCounters(self.config)
         lists, places = self.listed, colour.places
