@@ -3,8 +3,8 @@
 V3 is our machine: the resources of the paper, a model in spatial order, read in chunks of compact records, and lists by
 super-tile (`spec.supertiles`). It renders one eye. DEFAULT is V3 with fewer front-end units and a narrower row. PAPER
 reproduces the machine of the paper (section 7, "Hardware Implementation"), whose lists belong to tiles; it and variants of it
-render two eyes. TINY and TINY_V3 are PAPER and V3 for fast simulation. PRECISE, BALANCED and FAST are V3 with the word lengths
-and SH degrees that lost no more than 0.01, 0.1 and 0.5 dB of PSNR on PAPER (docs/tradeoff.md).
+render two eyes. V3_STREAMS is V3 with four arrays. TINY, TINY_V3, TINY_STREAMS are for fast simulation. PRECISE, BALANCED and
+FAST are V3 with the word lengths and SH degrees that lost at most 0.01, 0.1 and 0.5 dB of PSNR on PAPER (docs/tradeoff.md).
 """
 
 from __future__ import annotations
@@ -120,7 +120,6 @@ MOST_STREAMS = 4  # arrays of a machine with several streams, one for each quart
 
 WARP_FILLS = ("majority", "interior")
 """Rules by which the warp unit fills holes; docs/stereo.md compares them."""
-
 
 _NO_LONGER = (("position", "view"), ("work", "view"), ("conic", "view"), ("scale", "work"))
 """Pairs of small floats, of which the first enters operators of the second unchanged. It must not have more significand bits:
@@ -378,6 +377,8 @@ PAPER_SMALL = PAPER.with_(name="paper_small", culling_units=2, row_width=1280, w
 V3 = PAPER.with_(name="v3", order="spatial", chunks=True, records="compact", lists="supertile")
 V3_RECORDS = V3.with_(name="v3_records", lists="tile")
 """Half of the way from PAPER to V3, which reports/v3.md measures: chunks of compact records, and lists by tile."""
+V3_STREAMS = V3.with_(name="v3_streams", streams=4)
+TINY_STREAMS = TINY_V3.with_(name="tiny_streams", cores_x=8, cores_y=8, streams=4)
 DEFAULT = V3.with_(name="default", culling_units=2, row_width=1280)
 
 SHORT_FORMATS = NumberFormats(
@@ -389,12 +390,11 @@ best choice for every accepted loss."""
 PRECISE = V3.with_(name="precise", formats=SHORT_FORMATS)
 BALANCED = PRECISE.with_(name="balanced", sh_degree=2)
 FAST = PRECISE.with_(name="fast", sh_degree=1)
-
 PRESETS = {config.name: config for config in (PRECISE, BALANCED, FAST)}
 """The configurations that `make tradeoff` recommends, in order of descending accuracy."""
-
 CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER, V3, *PRESETS.values())}
 
-MACHINES = CONFIGS | {config.name: config for config in (TINY_V3, PAPER_BASE, PAPER_SMALL, V3_RECORDS)}
-"""What command lines take as a machine's name: those above, a small V3 for tests, the paper's baseline, PAPER with a smaller
-front end, and the step between PAPER and V3."""
+MACHINES = CONFIGS | {config.name: config for config in (
+    TINY_V3, TINY_STREAMS, PAPER_BASE, PAPER_SMALL, V3_RECORDS, V3_STREAMS)}
+"""What command lines take as a machine's name: those above, small ones for tests, the paper's baseline, PAPER with a smaller
+front end, and the steps from PAPER to V3 and beyond."""
