@@ -17,7 +17,7 @@ from spec.queues import ARRAY_TILES
 layout = Layout(before)
 layout.words("""
     batches parts fill_batch fill_left fill_open fill_closed fill_at passed released first_reader read_ahead row_turn
-    split array_x""")
+    split array_x eye_tiles eye_beats""")
 layout.ring("asked", 16)
 stream_layout = Layout()
 stream_layout.words("""
@@ -115,8 +115,11 @@ def step_rows(s, streams, t, granted, drawn, tile_times):
     a = streams[chosen]
     s.row_turn = (chosen + 1) % count
     side, tile, row = TILE // s.split, drawn[a.tile_out], a.row_out
+    eye = tile >= s.eye_tiles  # the second eye's tiles follow those of the first
+    tile -= eye * s.eye_tiles
     y, x = tile // s.tiles_x * TILE + chosen // s.split * side, tile % s.tiles_x * TILE + chosen % s.split * side
     s.packed_beats, s.packed_at = blending.row_beats(s, x, y, side // s.array_x, row, s.array_x, a.cores_y)
+    s.packed_at += eye * s.eye_beats
     if a.row_out == 0:
         tile_times[0, a.tile_out] = t
     a.row_out = row + 1

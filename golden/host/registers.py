@@ -93,6 +93,14 @@ def _depths_in_view(mean, rotation, translation, near, fx, fy, cx, cy, width, he
     return found[:count]
 
 
+def depths_in_view(mean: np.ndarray, origin: np.ndarray, camera: Camera) -> np.ndarray:
+    """The z of the points in front of the camera and inside the widened frustum, in world units; the arguments are those of
+    `depth_far`."""
+    c = camera
+    translation = c.translation + c.rotation @ origin
+    return _depths_in_view(mean, c.rotation, translation, c.near, c.fx, c.fy, c.cx, c.cy, c.width, c.height)
+
+
 def depth_far(mean: np.ndarray, origin: np.ndarray, camera: Camera, per_near: float = 0.0) -> float:
     """The z at which depth saturates, from the points in front of the camera and inside the widened frustum.
 
@@ -109,9 +117,7 @@ def depth_far(mean: np.ndarray, origin: np.ndarray, camera: Camera, per_near: fl
     Returns:
         z in world units.
     """
-    c = camera
-    translation = c.translation + c.rotation @ origin
-    z = _depths_in_view(mean, c.rotation, translation, c.near, c.fx, c.fy, c.cx, c.cy, c.width, c.height)
+    c, z = camera, depths_in_view(mean, origin, camera)
     if not len(z):
         return 2 * c.near
     near, far = np.percentile(z, (DEPTH_NEAR_PERCENTILE, DEPTH_PERCENTILE))

@@ -286,6 +286,7 @@ def _project(
 
 def project(
     config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters, rendered: np.ndarray | None = None,
+    read: np.ndarray | None = None,
 ) -> Projected:
     """Projects every Gaussian that is read: first the near test, which needs no division, then mean, conic, footprint and
     depth.
@@ -295,6 +296,7 @@ def project(
         words: the DRAM image.
         registers: the frame's registers.
         rendered: (tiles,) bool: tiles that are rendered, which the chunk test asks for; None: all.
+        read: (C,) bool: the chunks that are read; None: those that pass the chunk test.
     """
     count, r, k = len(words.geometry), registers, culling_constants(config)
     out = Projected(
@@ -308,7 +310,7 @@ def project(
     near, faint = ~(view_depth > r.near), d.opacity < k.faintest
     out.reason[faint], out.reason[near] = FAINT, NEAR
     if words.chunks is not None:
-        read = read_chunks(config, words.chunks, registers, rendered)
+        read = read_chunks(config, words.chunks, registers, rendered) if read is None else read
         out.reason[~read_points(words.chunks, read, count)] = UNREAD
     rows = np.flatnonzero(out.reason == VISIBLE)
     for_slices(_project, len(rows), rows, view_depth, d.mean, d.scale, d.quat, d.opacity, camera, k, *out)
