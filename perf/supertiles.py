@@ -11,7 +11,7 @@ from golden.kernels import work_clock
 from golden.msv2_ref.buckets import Bounds
 from perf import bus, chunk_units, chunks, constants, datapath, geometry, supertiles_bin, supertiles_render
 from perf.model import FrameCycles, MemoryModel, Stage
-from perf.phases import LIMIT, counts_of, dram_commands, finished, prepare_memory, table_cycles
+from perf.phases import LIMIT, LastingMemory, counts_of, dram_commands, finished, table_cycles
 from perf.plan import tile_rows
 from perf.supertiles_gather import EMPTY, MISSES, SUPERTILE_BEATS, SURVIVES
 from perf.supertiles_plan import SuperPlan, frame_beats, steady_bounds, super_plan
@@ -70,7 +70,7 @@ class _Pass:
 
 
 def simulate_supertiles(
-    trace: SuperTrace, config: AcceleratorConfig, *, memory: MemoryModel | None = None, merge: bool = True,
+    trace: SuperTrace, config: AcceleratorConfig, *, memory: MemoryModel | LastingMemory | None = None, merge: bool = True,
     pipeline: bool | None = None, beta: int | None = None, display: bool = False, bounds: Bounds | None = None,
     shared_colour: bool = False,
 ) -> SuperCycles:
@@ -79,7 +79,8 @@ def simulate_supertiles(
     Args:
         trace: the trace of the golden frame.
         config: the machine's configuration.
-        memory: the memory; None for four channels of LPDDR3-1600, the paper's.
+        memory: the memory; None for four channels of LPDDR3-1600, the paper's. A `LastingMemory` goes on as the frame before
+            left it; any other was reset when the frame starts.
         merge: whether lists are merged.
         pipeline: whether stages hand over incrementally; None for the configuration's value.
         beta: the merge threshold in pairs; None for the automatic one. It has no effect without `merge`.
@@ -91,7 +92,8 @@ def simulate_supertiles(
         ValueError: the machine has no super-tiles, or a lower SH degree than the frame.
     """
     check_supertiles(config)
-    memory = memory or MemoryModel(LPDDR3)
+    if not isinstance(memory, LastingMemory):
+        memory = LastingMemory(memory or MemoryModel(LPDDR3))
     if pipeline is not None:
         config = config.with_(incremental=pipeline)
     if trace.streams != config.streams:
@@ -101,6 +103,7 @@ def simulate_supertiles(
     beta, begin = beta if merge else 0, work_clock()
     plan = super_plan(trace, config, steady_bounds(trace, config) if bounds is None else bounds, beta, display)
     tiles = trace.eyes * trace.eye_tiles
+    memory.wait(trace.eyes * trace.tiles_y + 1)
     table = table_cycles(memory, tiles, plan.where.tiles, SUPERTILE_READ_DEPTHS)
     binned, counted = _bin(trace, config, memory, plan)
     latency = _TMU_LATENCY + (COUNT_BITS + frame_lists(config).bit_length() + 1 if beta is None else 0)
@@ -119,7 +122,7 @@ def simulate_supertiles(
     timeline = [("geometry", 0, -1, at, at + binned.cycles), ("render", 0, -1, at + binned.cycles, total)]
     commands = {name: binned.commands[name] + drawn.commands[name] for name in binned.commands}
     utilisation = {"array": max(trace.entries, events["ops"]) / (config.streams * max(1, drawn.cycles)),
-                   "memory": sum(sum(m.values()) for m in moved.values()) / (memory.peak * total)}
+                   "memory": sum(sum(m.values()) for m in moved.values()) / (memory.model.peak * total)}
     return SuperCycles(
         total, phases, (dict(phases),), found, **moved, entries=trace.entries, groups=int(plan.sorting.groups[-1]) + 1,
         spilled_entries=int(plan.sorting.way_of.size), **events, **commands, utilisation=utilisation, timeline=timeline,
@@ -139,8 +142,7 @@ def _results(s: np.record, cycles: int, watched: tuple[str, ...]) -> _Pass:
 
 def _bin(trace: SuperTrace, config: AcceleratorConfig, memory: MemoryModel, plan: SuperPlan) -> tuple[_Pass, int]:
     """Simulates the first phase. Returns it with the cycle in which its last pair was in memory."""
-    s = supertiles_bin.layout.new()
-    prepare_memory(s, memory, SUPERTILE_READ_DEPTHS)
+    s = memory.begin(supertiles_bin.layout, SUPERTILE_READ_DEPTHS)
     paths = _set_paths(s, config)
     arrays = chunk_units.prepare(s, trace.chunk_count, trace.chunk_read, config, paths, trace.eyes)
     s.two_eyes = trace.eyes - 1
@@ -151,7 +153,7 @@ def _bin(trace: SuperTrace, config: AcceleratorConfig, memory: MemoryModel, plan
         s, classes, classes[classes != geometry.NEAR_CULLED], trace.splat_steps, trace.step_groups, trace.step_pairs,
         trace.step_closes, plan.lists.pair_writes, np.where(writes < 0, where.directory - 1 - writes, where.entries + writes),
         plan.lists.flushed, where.chunks, where.geometry, *arrays, LIMIT)
-    return _results(s, finished("GEOMETRY", cycles), BIN_STAGES), int(counted)
+    return _results(s, memory.end(finished("GEOMETRY", cycles)), BIN_STAGES), int(counted)
 
 
 def _set_paths(s: np.record, config: AcceleratorConfig) -> constants.Culling:
@@ -203,14 +205,13 @@ def _gathered(trace: SuperTrace, shared_colour: bool) -> tuple[np.ndarray, np.nd
 
 
 def _render(
-    trace: SuperTrace, config: AcceleratorConfig, memory: MemoryModel, display: bool, shared_colour: bool, plan: SuperPlan,
+    trace: SuperTrace, config: AcceleratorConfig, memory: LastingMemory, display: bool, shared_colour: bool, plan: SuperPlan,
     sweep_from: int,
 ) -> tuple[_Pass, dict[str, int]]:
     """Simulates the second phase. Returns it with counted events."""
     line, sorting, lists, visits, where = (
         config.line_buffer_bytes // ENTRY_BYTES, plan.sorting, plan.lists, plan.visits, plan.where)
-    s = supertiles_render.layout.new()
-    prepare_memory(s, memory, SUPERTILE_READ_DEPTHS)
+    s = memory.begin(supertiles_render.layout, SUPERTILE_READ_DEPTHS)
     s.line_size, s.line_mask = line, (1 << (line - 1).bit_length()) - 1
     s.tile_count, s.sweep_from = len(lists.counts), sweep_from
     s.pointer_room, s.entries_base, s.directory_base = LIST_POINTERS, where.entries, where.directory
@@ -244,4 +245,4 @@ def _render(
         np.zeros((trace.streams, len(trace.counts)), np.int64), tile_times, LIMIT)
     events = {"ops": int(s.ops), "skipped": int(s.skipped), "fetch_misses": int(s.header_misses),
               "visits": int(streams.visits_taken.sum())}
-    return _results(s, finished("RENDER", cycles), RENDER_STAGES), events
+    return _results(s, memory.end(finished("RENDER", cycles)), RENDER_STAGES), events

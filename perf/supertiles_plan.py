@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from golden.host.memory_image import lay_out
 from golden.msv2_ref.batches import Batches, cut_batches
 from golden.msv2_ref.buckets import Bounds, list_numbers, next_bounds
 from golden.msv2_ref.fetch import find_misses
@@ -30,6 +31,7 @@ from spec.memory import (
     colour_beats,
     pages_beyond_first,
 )
+from spec.records import frame_lists
 from spec.supertiles import HEADER_WAYS
 
 BEGINS, FILLS = 1, 2
@@ -202,7 +204,7 @@ def _stream_visits(key: np.ndarray, batches: Batches, tile_at: np.ndarray) -> tu
 
 @dataclass(frozen=True)
 class SuperMap:
-    """The first beats of the memory regions, which follow each other in the order of `spec.memory`."""
+    """The first beats of the memory regions, which are those of `golden.host.memory_image`."""
 
     chunks: int
     geometry: int
@@ -254,11 +256,11 @@ def super_plan(
     missed = find_misses(
         trace.chunk.astype(np.int64), np.zeros(trace.pairs, np.int64), config.header_lines, HEADER_WAYS, False, False)
     tiles, pixel = trace.eyes * trace.eye_tiles, DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES
-    sizes = (
-        len(trace.chunk_count), -(-trace.points // 2), trace.points * colour_beats(config, trace.sh_degree),
-        -(-tiles * TILE_SETTING_BYTES // BEAT_BYTES),
-        trace.eyes * trace.supertiles * SUPER_TILES * TILE_SETTING_BYTES // BEAT_BYTES,
-        len(lists.counts) * DIRECTORY_BEATS, lists.beats, sorting.spill_beats,
-        trace.eyes * frame_beats(trace, pixel))
-    where = SuperMap(*np.concatenate(([0], np.cumsum(sizes)[:-1])).tolist())
+    regions = lay_out({
+        "chunks": len(trace.chunk_count), "geometry": -(-trace.points // 2),
+        "colour": trace.points * colour_beats(config, trace.sh_degree), "tiles": -(-tiles * TILE_SETTING_BYTES // BEAT_BYTES),
+        "supertiles": trace.eyes * trace.supertiles * SUPER_TILES * TILE_SETTING_BYTES // BEAT_BYTES,
+        "directory": frame_lists(config) * DIRECTORY_BEATS, "entries": lists.beats, "spill": sorting.spill_beats,
+        "frame": trace.eyes * frame_beats(trace, pixel)})
+    where = SuperMap(**{name: region.base for name, region in regions.items()})
     return SuperPlan(lists, sorting, visit_plan(trace, config), missed.astype(np.uint8), where)

@@ -157,6 +157,15 @@ class MemoryImage:
         return Region(first.base, self.regions.get("target_frame", first).end - first.base)
 
 
+def lay_out(beats: Mapping[str, int]) -> dict[str, Region]:
+    """The regions of a memory, from their lengths in beats by the names in REGIONS."""
+    regions, base = {}, _FIRST_BEAT
+    for name in (name for name in REGIONS if name in beats):
+        regions[name] = Region(base, beats[name])
+        base += beats[name] + _GUARD_BEATS
+    return regions
+
+
 def view_shift(*registers: FrameRegisters) -> int:
     """The smallest setting `view_shift` that leaves a splat record for every level in use, in every one of the eyes."""
     return max(int(eye.header[:, 0].max()).bit_length() for eye in registers)
@@ -238,10 +247,7 @@ def memory_image(
         del beats["views"]
     if second is not None:
         beats["target_frame"] = beats["frame"]
-    regions, base = {}, _FIRST_BEAT
-    for name in (name for name in REGIONS if name in beats):
-        regions[name] = Region(base, beats[name])
-        base += beats[name] + _GUARD_BEATS
+    regions = lay_out(beats)
     settings = {
         **_view_settings(config, registers), "gaussians": len(words.geometry), "sh_degree": words.sh_degree,
         "beta": beta or 0, "auto_beta": int(beta is None), "obb": int(obb), "display": int(display),

@@ -109,7 +109,8 @@ def performance(
                           speed.bytes_per_cycle, second=second)
     render = r["cycles_render"]
     return {
-        "cycles": result.cycles, "frame_cycles": r["cycles_total"], "table_cycles": r["cycles_table"],
+        "cycles": result.cycles, "idle_cycles": result.idle_cycles,
+        "frame_cycles": r["cycles_total"], "table_cycles": r["cycles_table"],
         "geometry_cycles": r["cycles_geometry"], "render_cycles": render,
         "overlapped_cycles": max(r["cycles_geometry"], render),
         "bound_cycles": max(bounds.values()), "bounds": bounds,

@@ -69,6 +69,7 @@ class FrameResult:
         reads, writes: the numbers of beats that the memory counted.
         busy: the number of cycles in which the memory had a beat to transfer.
         activates, refreshes: the numbers of these commands of LPDDR3 channels; 0 with the ideal memory.
+        idle_cycles: cycles from the reset, or from the end of the frame before, until the frame begins.
         seconds, cpu_seconds: wall time and processor time of the simulation.
         errors: descriptions of the violated rules.
         target: the target eye's frame, for frames of two eyes.
@@ -88,6 +89,7 @@ class FrameResult:
     target: DisplayPixels | None = None
     activates: int = 0
     refreshes: int = 0
+    idle_cycles: int = 0
 
 
 def setting_writes(config: AcceleratorConfig, image: MemoryImage, changes: dict[str, int]) -> dict[str, int]:
@@ -233,4 +235,4 @@ def _result(registers: Map, run: FrameRun, item: dict, dump: Path) -> FrameResul
         run.image.frame(dump), ErrorCode(registers.part("error", "code", values.get("error", 0))),
         bool(registers.part("status", "done", values.get("status", 0))), values, item["cycles"], item["reads"], item["writes"],
         item["busy"], item["seconds"], item["cpu_seconds"], tuple(errors), run.image.target_frame(dump),
-        item["activates"], item["refreshes"])
+        item["activates"], item["refreshes"], item["idle_cycles"])
