@@ -54,6 +54,8 @@
 #define MSV2_MACHINE_ARRAY_COMPACT_MASK 0x10000000u
 #define MSV2_MACHINE_ARRAY_SUPERTILES_SHIFT 29
 #define MSV2_MACHINE_ARRAY_SUPERTILES_MASK 0x20000000u
+#define MSV2_MACHINE_ARRAY_PACKED_SHIFT 30
+#define MSV2_MACHINE_ARRAY_PACKED_MASK 0x40000000u
 
 /* parameters of the units around the array (read) */
 #define MSV2_MACHINE_UNITS 0x010u
@@ -366,6 +368,10 @@
 
 /* beat address (only with super-tiles) (read, write): 27-bit unsigned */
 #define MSV2_SUPERTILES_BASE 0x1FCu
+
+/* 1: the frame of DisplayPixels is packed (`spec.packed`) (only with super-tiles) (read, write):
+   1-bit unsigned */
+#define MSV2_PACKED 0x200u
 
 /* Counters */
 

@@ -17,6 +17,8 @@ import numpy as np
 
 from golden.kernels import work_clock
 from golden.msv2_ref import pipeline, projection, tile_test
+from golden.msv2_ref.frame_memory import display_pixels
+from golden.msv2_ref.frame_packing import display_bytes, pack_frame
 from golden.msv2_ref.supertiles import chunk_order
 from golden.scenes.files import atomic_output
 from golden.scenes.request import Request, resolve
@@ -30,7 +32,7 @@ from spec.effects import with_two_eyes
 from spec.queues import LEVEL_GROUP
 from spec.sources import fingerprint, sources_of
 
-VERSION = 2
+VERSION = 3
 """Version of the trace files; files of other versions are made again."""
 
 
@@ -61,6 +63,7 @@ class SuperTrace:
         regions: (intersections,) uint8, the streams that have it, one bit each.
         stop: (streams, tiles, 2) int32, the stream's intersections after which all pixels of a level bank have stopped; -1
             where some never stop.
+        blocks: (blocks,) uint8, the beats of each block of the packed frame (`spec.packed`), by number.
         survivors: the number of splats with a pair. filtered: that of intersections that the foveation filter dropped.
         record: the request as JSON-ready values. golden_seconds: the CPU time that rendering and tracing took.
     """
@@ -88,6 +91,7 @@ class SuperTrace:
     use: np.ndarray
     regions: np.ndarray
     stop: np.ndarray
+    blocks: np.ndarray
     survivors: int
     filtered: int
     record: dict[str, object]
@@ -161,7 +165,8 @@ def super_trace(
         np.unpackbits(pairs.levels[:, None], axis=1).sum(1).astype(np.uint8), np.diff(e.start).astype(np.int32),
         r.header[:, 1] != 0, pairs.intersection.astype(np.int32), e.use,
         np.ones(len(e.use), np.uint8) if frame.regions is None else frame.regions,
-        np.stack([stop_entries(frame, stream) for stream in range(frame.config.streams)]), len(np.unique(pairs.splat)),
+        np.stack([stop_entries(frame, stream) for stream in range(frame.config.streams)]),
+        pack_frame(display_bytes(display_pixels(frame))).sizes.astype(np.uint8), len(np.unique(pairs.splat)),
         int(e.filtered), dict(record or {}), seconds + work_clock() - begin)
 
 
