@@ -45,7 +45,7 @@ def joint_trace(frame: JointFrame, record: dict[str, object] | None = None, seco
         np.concatenate([eye.entries.use for eye in eyes]),
         np.concatenate([np.ones(len(eye.entries.use), np.uint8) if eye.regions is None else eye.regions for eye in eyes]),
         np.stack([np.concatenate([stop_entries(eye, stream) for eye in eyes]) for stream in range(frame.config.streams)]),
-        len(np.unique(pairs.splat)), sum(int(eye.entries.filtered) for eye in eyes), dict(record or {}),
+        np.empty(0, np.uint8), len(np.unique(pairs.splat)), sum(int(eye.entries.filtered) for eye in eyes), dict(record or {}),
         seconds + work_clock() - begin, eyes=EYES, shift=frame.registers.shift, places_by_eye=places, kinds=_kinds(frame))
 
 

@@ -6,11 +6,11 @@ Each stream has a record of its own, of `stream_layout`, for the side of the bat
 
 from __future__ import annotations
 
-from perf import blending, bus
+from perf import blending, bus, packing
 from perf.constants import SETUP_LATENCY
 from perf.kernel import step
 from perf.layout import Layout
-from perf.supertiles_gather import layout as before
+from perf.packing import layout as before
 from spec.constants import TILE
 from spec.queues import ARRAY_TILES
 
@@ -98,28 +98,36 @@ def release(s, streams):
 
 
 @step
-def step_rows(s, streams, t, granted, drawn, tile_times):
+def step_rows(s, streams, t, granted, drawn, sizes, tile_times):
     """Moves a row of pixels of one stream to the pixel writer."""
     count, chosen = len(streams), -1
     for k in range(count):
         q = (k + s.row_turn) % count
         if chosen < 0 and blending.rows_offered(streams[q], t):
             chosen = q
-    room = blending.send_beats(s, granted)
-    if room:
-        s.packed = chosen >= 0
-    taken = room and chosen >= 0
+    a = streams[max(chosen, 0)]
+    if s.packs:
+        whole = packing.completes(s, a.row_out, s.array_x, a.cores_y)
+        room = packing.step_packer(s, t, granted, drawn, sizes)
+        taken = chosen >= 0 and (room or not whole)
+        if taken and whole:
+            packing.take_row(s, t)
+    else:
+        room = blending.send_beats(s, granted)
+        if room:
+            s.packed = chosen >= 0
+        taken = room and chosen >= 0
     blending.count_rows(s, chosen >= 0, taken)
     if not taken:
         return
-    a = streams[chosen]
     s.row_turn = (chosen + 1) % count
     side, tile, row = TILE // s.split, drawn[a.tile_out], a.row_out
     eye = tile >= s.eye_tiles  # the second eye's tiles follow those of the first
     tile -= eye * s.eye_tiles
     y, x = tile // s.tiles_x * TILE + chosen // s.split * side, tile % s.tiles_x * TILE + chosen % s.split * side
-    s.packed_beats, s.packed_at = blending.row_beats(s, x, y, side // s.array_x, row, s.array_x, a.cores_y)
-    s.packed_at += eye * s.eye_beats
+    if s.packs == 0:
+        s.packed_beats, s.packed_at = blending.row_beats(s, x, y, side // s.array_x, row, s.array_x, a.cores_y)
+        s.packed_at += eye * s.eye_beats
     if a.row_out == 0:
         tile_times[0, a.tile_out] = t
     a.row_out = row + 1

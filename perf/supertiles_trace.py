@@ -17,6 +17,8 @@ import numpy as np
 
 from golden.kernels import work_clock
 from golden.msv2_ref import pipeline, projection, tile_test
+from golden.msv2_ref.frame_memory import display_pixels
+from golden.msv2_ref.frame_packing import display_bytes, pack_frame
 from golden.msv2_ref.supertiles import chunk_order
 from golden.scenes.files import atomic_output
 from golden.scenes.request import Request, resolve
@@ -62,6 +64,7 @@ class SuperTrace:
         regions: (intersections,) uint8, the streams that have it, one bit each.
         stop: (streams, tiles, 2) int32, the stream's intersections after which all pixels of a level bank have stopped; -1
             where some never stop.
+        blocks: (blocks,) uint8, the beats of each block of the packed frame (`spec.packed`), by number; none in joint frames.
         survivors: the number of splats with a pair. filtered: that of intersections that the foveation filter dropped.
         record: the request as JSON-ready values. golden_seconds: the CPU time that rendering and tracing took.
         eyes: 2 in joint frames (`spec.joint`), whose tiles are those of the source and then those of the target. All properties
@@ -94,6 +97,7 @@ class SuperTrace:
     use: np.ndarray
     regions: np.ndarray
     stop: np.ndarray
+    blocks: np.ndarray
     survivors: int
     filtered: int
     record: dict[str, object]
@@ -164,8 +168,8 @@ class SuperTrace:
 def super_trace(
     frame: pipeline.Frame, record: dict[str, object] | None = None, seconds: float = 0.0, stop: np.ndarray | None = None,
 ) -> SuperTrace:
-    """The trace of a golden frame; `seconds` is the CPU time that rendering it took, to which this function adds its own. `stop`
-    is the trace's field where it is known.
+    """The trace of a golden frame; `seconds` is the CPU time that rendering it took, to which this function adds its own.
+    `stop` is the trace's field where it is known.
 
     Raises:
         ValueError: the frame is of a machine without super-tiles.
@@ -191,7 +195,8 @@ def super_trace(
         np.unpackbits(pairs.levels[:, None], axis=1).sum(1).astype(np.uint8), np.diff(e.start).astype(np.int32),
         r.header[:, 1] != 0, pairs.intersection.astype(np.int32), e.use,
         np.ones(len(e.use), np.uint8) if frame.regions is None else frame.regions,
-        np.stack([stop_entries(frame, stream) for stream in range(frame.config.streams)]) if stop is None else stop, len(np.unique(pairs.splat)),
+        np.stack([stop_entries(frame, stream) for stream in range(frame.config.streams)]) if stop is None else stop,
+        pack_frame(display_bytes(display_pixels(frame))).sizes.astype(np.uint8), len(np.unique(pairs.splat)),
         int(e.filtered), dict(record or {}), seconds + work_clock() - begin)
 
 
