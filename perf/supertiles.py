@@ -21,7 +21,7 @@ from spec.memory import BEAT_BYTES, BEAT_ENTRIES, DISPLAY_PIXEL_BYTES, PIXEL_BYT
 from spec.queues import LIST_POINTERS, OUTPUT_DRAINS, SUPERTILE_READ_DEPTHS, TILE_TEST_BESIDE
 from spec.records import COUNT_BITS, frame_lists
 from spec.registers import WRITE_CLIENTS, read_clients, stages, write_clients
-from spec.supertiles import check_supertiles
+from spec.supertiles import check_supertiles, frame_rows
 
 READ_AHEAD = 2
 """Records of a stream that have been read, or are being read, before the array takes them."""
@@ -177,7 +177,7 @@ def _new_streams(config: AcceleratorConfig) -> np.recarray:
 
 def _set_frame(s: np.record, trace: SuperTrace, config: AcceleratorConfig, display: bool) -> None:
     """Sets what the pixel writer needs."""
-    s.split, s.array_x, s.read_ahead = config.split, config.array_x, READ_AHEAD
+    s.array_x, s.row_x, s.read_ahead = config.array_x, frame_rows(config).cores_x, READ_AHEAD
     s.width, s.height, s.tiles_x = trace.width, trace.height, trace.tiles_x
     s.pixel_words = (DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES) // 4
 
