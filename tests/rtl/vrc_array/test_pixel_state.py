@@ -1,7 +1,8 @@
 """The state of pixels between visits: a proof that no row is read before the last store of its tile has landed.
 
 The proof holds for the array of 16 by 16 cores and for those of 8 by 8 of a machine with streams, any stream of visits and any
-back-pressure. It is about any one row of any one tile, or of its region. The signals of `Harness.bad` that only help the induction say which cycle of a store, or of a load, it is.
+back-pressure. It is about any one row of any one tile, or of its region. The signals of `Harness.bad` that only help the
+induction say which cycle of a store, or of a load, it is.
 """
 
 from __future__ import annotations
