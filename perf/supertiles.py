@@ -23,7 +23,7 @@ from spec.packed import table_beat
 from spec.queues import LIST_POINTERS, OUTPUT_DRAINS, SUPERTILE_READ_DEPTHS, TILE_TEST_BESIDE
 from spec.records import COUNT_BITS, frame_lists
 from spec.registers import WRITE_CLIENTS, read_clients, stages, write_clients
-from spec.supertiles import check_supertiles
+from spec.supertiles import check_supertiles, frame_rows
 
 READ_AHEAD = 2
 """Records of a stream that have been read, or are being read, before the array takes them."""
@@ -94,7 +94,8 @@ def simulate_supertiles(
         shared_colour: whether the colours of a pair are computed once for both eyes of a joint frame.
 
     Raises:
-        ValueError: the machine has no super-tiles, a lower SH degree than the frame, or packs no frames.
+        ValueError: the machine has no super-tiles, a lower SH degree than the frame, or packs no frames, or not
+            those of two eyes.
     """
     check_supertiles(config)
     if not isinstance(memory, LastingMemory):
@@ -105,8 +106,8 @@ def simulate_supertiles(
         raise ValueError(f"trace must be one of a machine with {config.streams} streams, not {trace.streams!r}")
     if trace.sh_degree > config.sh_degree:
         raise ValueError(f"config must be a machine of SH degree {trace.sh_degree}, not {config.sh_degree!r}")
-    if packed and (not config.packed or config.streams > 1):
-        raise ValueError(f"config must be a machine that packs frames, with 1 stream, not {config.name!r}")
+    if packed and not config.packed:
+        raise ValueError(f"config must be a machine that packs frames, not {config.name!r}")
     if packed and trace.eyes > 1:
         raise ValueError(f"trace must be one of a single eye where frames are packed, not of {trace.eyes!r}")
     beta, begin = beta if merge else 0, work_clock()
@@ -196,7 +197,7 @@ def _set_frame(s: np.record, trace: SuperTrace, config: AcceleratorConfig, pixel
     """Sets what the pixel writer or the frame packer needs."""
     s.packs, s.pack_blocks = pixels == PACKED, len(trace.blocks)
     s.pack_table = table_beat(trace.width, trace.height)
-    s.split, s.array_x, s.read_ahead = config.split, config.array_x, READ_AHEAD
+    s.array_x, s.row_x, s.read_ahead = config.array_x, frame_rows(config).cores_x, READ_AHEAD
     s.width, s.height, s.tiles_x = trace.width, trace.height, trace.tiles_x
     pixel = DISPLAY_PIXEL_BYTES if pixels else PIXEL_BYTES
     s.pixel_words, s.eye_tiles, s.eye_beats = pixel // 4, trace.eye_tiles, frame_beats(trace, pixel)

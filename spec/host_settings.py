@@ -51,7 +51,7 @@ def with_every_register(config: AcceleratorConfig) -> tuple[AcceleratorConfig, A
     """Two machines that together have the registers of all machines with the same number formats: one with chunks and stereo,
     and one with lists by super-tile, which excludes stereo, and packed frames. Registers of the second alone have the higher
     addresses."""
-    chunked = config.with_(lockstep=False, lists="tile", order="spatial", chunks=True, streams=1, packed=False)
+    chunked = config.with_(lockstep=False, streams=1, lists="tile", order="spatial", chunks=True, packed=False)
     return chunked.with_(depth=True, stereo=True), chunked.with_(
         stereo=False, records="compact", lists="supertile", packed=True)
 

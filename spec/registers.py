@@ -282,7 +282,8 @@ def identity(config: AcceleratorConfig) -> dict[str, int]:
     parts = {
         "machine_array": (
             config.cores_x, config.cores_y, config.levels, config.depth, config.incremental, config.counters, config.stereo,
-            config.sh_degree, config.blend, config.chunks, config.compact, config.supertiles, config.packed),
+            config.sh_degree, config.blend, config.chunks, config.compact, config.supertiles, config.packed,
+            config.streams > 1),
         "machine_units": (config.culling_units, config.merge_ways, config.warp_lanes if config.stereo else 0),
         "machine_frame": (config.row_width, *((config.list_heads, config.buckets) if config.supertiles else (0, 0))),
         "machine_cache": (config.header_lines, config.batch_places) if config.supertiles else (config.splat_cache_lines, 0),
@@ -309,7 +310,8 @@ _IDENTITY = (
         Bits("blend", 26, 1, "tiles may blend two levels, where the machine has more than one"),
         Bits("chunks", 27, 1, "Gaussians are read in chunks"), Bits("compact", 28, 1, "records are compact"),
         Bits("supertiles", 29, 1, "lists by super-tile; no splat record is stored"),
-        Bits("packed", 30, 1, "frames for displays may be packed"))),
+        Bits("packed", 30, 1, "frames for displays may be packed"),
+        Bits("streams", 31, 1, "four arrays, each with a stream of its own"))),
     Register("machine_units", 0x010, Access.READ_ONLY, "parameters of the units around the array", (
         Bits("culling_units", 0, 8, "culling and conversion units"), Bits("merge_ways", 16, 8, "runs merged at a time"),
         Bits("warp_lanes", 24, 8, "rows warped side by side; 0 without stereo"))),

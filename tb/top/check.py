@@ -94,9 +94,10 @@ def counter_errors(frame: Frame, result: FrameResult) -> list[str]:
 def _wrong_visits(frame: Frame, result: FrameResult) -> list[str]:
     """Describes a number of visits that no frame can have. Every tile has a last one; the others, and ops, depend on when the
     tiles' pixels stop."""
-    visits = FrameBatches(frame).visits
-    limits = {"visits": (int(visits.final.sum()), len(visits.final)), "ops": (0, array_ops(frame)),
-              "skipped": (0, len(frame.entries.splat))}
+    batches = FrameBatches(frame)
+    visits = [batches.stream_visits(stream) for stream in range(frame.config.streams)]
+    limits = {"visits": (sum(int(v.final.sum()) for v in visits), sum(len(v.final) for v in visits)),
+              "ops": (0, array_ops(frame)), "skipped": (0, sum(len(v.order) for v in visits))}
     return [f"counter {name} must be in {low}..{high}, not {result.registers[name]!r}"
             for name, (low, high) in limits.items() if not low <= result.registers[name] <= high]
 

@@ -18,10 +18,12 @@ from spec.config import (
     PAPER_SMALL,
     SHORT_FORMATS,
     TINY,
+    TINY_STREAMS,
     TINY_V3,
     V3,
     V3_PACKED,
     V3_RECORDS,
+    V3_STREAMS,
     AcceleratorConfig,
 )
 from spec.host_settings import settings
@@ -50,15 +52,15 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny_short": TINY.with_(name="tiny_short", formats=SHORT_FORMATS, sh_degree=BALANCED.sh_degree),
     "tiny_records": TINY_RECORDS, "tiny_chunks": TINY_RECORDS.with_(name="tiny_chunks", records="wide"),
     "tiny_records_stereo": TINY_RECORDS.with_(name="tiny_records_stereo", stereo=True), "v3_records": V3_RECORDS,
-    "tiny_v3": TINY_V3, "v3": V3,
+    "tiny_v3": TINY_V3, "v3": V3, "tiny_streams": TINY_STREAMS, "v3_streams": V3_STREAMS,
     "tiny_v3_baseline": TINY_V3.with_(name="tiny_v3_baseline", incremental=False, buckets=False),
     "tiny_v3_packed": TINY_V3.with_(name="tiny_v3_packed", packed=True), "v3_packed": V3_PACKED}
 """Configurations that can be tested."""
 
 DISTINCT = ("tiny", "tiny_baseline", "tiny_stereo", "tiny_stereo_baseline", "tiny_short", "tiny_records", "tiny_chunks",
-            "tiny_records_stereo", "tiny_v3", "tiny_v3_baseline", "tiny_v3_packed")
-"""Configurations with different machines: both ways of handing over, the presets' number formats, chunks, and packed frames.
-Larger machines are simulated with whole frames (`tb.frame`)."""
+            "tiny_records_stereo", "tiny_v3", "tiny_v3_baseline", "tiny_v3_packed", "tiny_streams")
+"""Configurations with different machines: both ways of handing over, the presets' number formats, chunks, packed frames, and
+four arrays. Larger machines are simulated with whole frames (`tb.frame`)."""
 
 
 def pixels_of(config: AcceleratorConfig, number: int) -> dict[str, bool]:

@@ -11,6 +11,7 @@ from spec.config import (
     CONFIGS,
     DEFAULT,
     FAST,
+    HEADSET,
     MACHINES,
     PAPER,
     PAPER_SMALL,
@@ -18,9 +19,12 @@ from spec.config import (
     PRESETS,
     SHORT_FORMATS,
     TINY,
+    TINY_STREAMS,
     TINY_V3,
     V3,
+    V3_PACKED,
     V3_RECORDS,
+    V3_STREAMS,
     AcceleratorConfig,
     NumberFormats,
 )
@@ -122,6 +126,7 @@ def test_streams_divide_the_cores_of_a_machine_with_super_tiles():
     assert (four.split, four.region, four.array_x, four.array_y, four.batch_banks) == (2, 8, 8, 8, 8)
     small = TINY_V3.with_(streams=4)
     assert (small.array_x, small.array_y, small.blocks) == (2, 2, TINY_V3.blocks)
+    assert (TINY_STREAMS.array_x, TINY_STREAMS.array_y, TINY_STREAMS.blocks) == (TINY_V3.array_x, TINY_V3.array_y, 4)
     for bad in (2, 3):
         with pytest.raises(ValueError, match=rf"^streams must be 1 or 4, not {bad}$"):
             V3.with_(streams=bad)
@@ -164,7 +169,8 @@ def test_the_configurations():
     presets = {"precise": PRECISE, "balanced": BALANCED, "fast": FAST}
     assert CONFIGS == {"tiny": TINY, "default": DEFAULT, "paper": PAPER, "v3": V3, **presets}
     assert V3 == PAPER.with_(name="v3", order="spatial", chunks=True, records="compact", lists="supertile")
-    ours = (DEFAULT, V3, TINY_V3, *presets.values())
+    ours = (DEFAULT, V3, V3_STREAMS, TINY_V3, TINY_STREAMS, *presets.values())
+    assert V3_STREAMS == V3.with_(name="v3_streams", streams=4)
     assert {c.name for c in MACHINES.values() if c.supertiles} == {c.name for c in ours}
     assert all((c.order, c.chunks, c.records) == ("spatial", True, "compact") for c in (*ours, V3_RECORDS))
     assert all((c.order, c.chunks, c.records, c.lists) == ("file", False, "wide", "tile")
