@@ -169,7 +169,8 @@ def test_the_configurations():
     presets = {"precise": PRECISE, "balanced": BALANCED, "fast": FAST}
     assert CONFIGS == {"tiny": TINY, "default": DEFAULT, "paper": PAPER, "v3": V3, **presets}
     assert V3 == PAPER.with_(name="v3", order="spatial", chunks=True, records="compact", lists="supertile")
-    ours = (DEFAULT, V3, V3_STREAMS, TINY_V3, TINY_STREAMS, *presets.values())
+    ours = (DEFAULT, V3, V3_PACKED, V3_STREAMS, HEADSET, TINY_V3, TINY_STREAMS, *presets.values())
+    assert HEADSET == V3.with_(name="headset", row_width=2208, list_heads=2048)
     assert V3_STREAMS == V3.with_(name="v3_streams", streams=4)
     assert {c.name for c in MACHINES.values() if c.supertiles} == {c.name for c in ours}
     assert all((c.order, c.chunks, c.records) == ("spatial", True, "compact") for c in (*ours, V3_RECORDS))
