@@ -5,7 +5,8 @@
 
 An estimate begins with PAPER's build of reports/area.json, with or without the warp unit, or for lists by super-tile with the
 build `v3`. The logic of a group is scaled by what the configuration changes in it (`_logic`). Machines with chunks and lists
-by tile get the logic that reads and tests chunks from the build `v3` (`_chunk_units`). Memories are taken from the table of
+by tile get the logic that reads and tests chunks from the build `v3` (`_chunk_units`), and machines that pack frames the
+frame packer as it was synthesised alone. Memories are taken from the table of
 shapes (`msv2.studies.area.stores`) and built of macros as in synthesis (`synth.macros`), so that a larger cache costs the
 area of its lines and tags. For PAPER with the presets' formats, which was synthesised, the estimate is within 1 % of the builds
 (tests/msv2/studies/area/test_estimate.py). Areas are in um^2 at 16 nm.
@@ -117,8 +118,9 @@ def estimate_area(config: AcceleratorConfig) -> AreaEstimate:
     build = BUILDS[name]
     base, here, there = _of_build(name), _memories(config), _memories(build)
     chunks = _chunk_units() if config.chunks and not config.supertiles else {}
+    packer = {LISTS: _synthesised_um2("frame_packer") * _TO_16NM} if config.packed else {}
     groups = {
-        group: GroupArea(base[group].logic_um2 * _logic(group, config, build) + chunks.get(group, 0.0),
+        group: GroupArea(base[group].logic_um2 * _logic(group, config, build) + chunks.get(group, 0.0) + packer.get(group, 0.0),
                          max(0.0, base[group].memory_um2 + here.get(group, 0.0) - there.get(group, 0.0)))
         for group in base}
     return AreaEstimate(groups, ESTIMATE, name)
@@ -160,6 +162,11 @@ def _chunk_units() -> dict[str, float]:
             LISTS: sum(units[unit] for unit in _READING) - _row("geometry.reader")["logic_um2_16nm"]}
 
 
+def _synthesised_um2(unit: str) -> float:
+    """The area of a unit that was synthesised alone, in um^2 of its technology."""
+    return next(row["area_um2"] for row in _report("synthesis")["rows"] if row["unit"] == unit)
+
+
 def _row(unit: str) -> Mapping[str, object]:
     return next(row for row in _report("area")["rows"] if row["unit"] == unit)
 
@@ -196,7 +203,7 @@ def _array(config: AcceleratorConfig) -> float:
 
 def _blending(config: AcceleratorConfig) -> float:
     """The rows' collection, and the unit that blends two levels where there are two."""
-    blend = next(row["area_um2"] for row in _report("synthesis")["rows"] if row["unit"] == "blend")
+    blend = _synthesised_um2("blend")
     collect = _row("render.array.collect")["logic_um2"] - blend
     size = config.cores_x / PAPER.cores_x * _pixel_bits(config) / _pixel_bits(PAPER)
     return size * (collect * (1 + config.level_banks) / 3 + (blend if config.level_banks == 2 else 0))
