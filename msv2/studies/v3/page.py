@@ -87,7 +87,8 @@ def _packed(content: Mapping[str, Any]) -> str:
         written = [other["bytes"]["write"]["frame"] for other in both[LPDDR3]]
         lines.append((row["frame"], *(f"{one['cycles'] / two['cycles']:.3f}" for one, two in both.values()),
                       f"{both[LPDDR3][0]['total_bytes'] / row['total_bytes']:.3f}", f"{written[1] / written[0]:.3f}"))
-    over, head = step["over_v3"], ("frame", *(f"{MEMORY_NAMES[memory]} cycles" for memory in MEMORIES), "bytes", "frame written")
+    over = step["over_v3"]
+    head = ("frame", *(f"{MEMORY_NAMES[memory]} cycles" for memory in MEMORIES), "bytes", "share of the frame")
     lines.append(("geometric mean", *(f"{over[key]:.3f}" for key in ("lpddr3_gain", "ideal_gain", "bytes_gain")), ""))
     return "\n\n".join((
         "## Packed frames", f"`{V3_PACKED.name}`, which packs frames for displays, over `{V3.name}`; the energy of packing is "
