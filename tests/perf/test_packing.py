@@ -22,7 +22,8 @@ UNLIMITED = MemoryModel("ideal", bytes_per_cycle=None)
 
 @pytest.fixture(scope="module")
 def frame() -> pipeline.Frame:
-    asked = resolve(parse_request("embedded", "--size", "150x100", "--gaze", "75,50", "--levels", "4", "--levels-from", "random"))
+    asked = resolve(parse_request(
+        "embedded", "--size", "150x100", "--gaze", "75,50", "--levels", "4", "--levels-from", "random"))
     return pipeline.render(asked.model, asked.camera, config=V3, foveation=asked.foveation, background=asked.background)
 
 
