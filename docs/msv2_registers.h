@@ -371,7 +371,7 @@
 /* beat address (only with super-tiles) (read, write): 27-bit unsigned */
 #define MSV2_SUPERTILES_BASE 0x1FCu
 
-/* 1: the frame of DisplayPixels is packed (`spec.packed`) (only with super-tiles) (read, write):
+/* 1: the frame of DisplayPixels is packed (`spec.packed`) (only with packed frames) (read, write):
    1-bit unsigned */
 #define MSV2_PACKED 0x200u
 

@@ -277,6 +277,11 @@ def fingerprint(config: AcceleratorConfig) -> int:
     return int.from_bytes(hashlib.sha256(repr(config.with_(name="any")).encode()).digest()[:4], "little")
 
 
+def version_minor(config: AcceleratorConfig) -> int:
+    """The minor version of a machine's map."""
+    return VERSION_MINOR + config.stereo + 2 * config.packed
+
+
 def identity(config: AcceleratorConfig) -> dict[str, int]:
     """The values of a machine's identity registers, by name."""
     parts = {
@@ -288,8 +293,7 @@ def identity(config: AcceleratorConfig) -> dict[str, int]:
         "machine_frame": (config.row_width, *((config.list_heads, config.buckets) if config.supertiles else (0, 0))),
         "machine_cache": (config.header_lines, config.batch_places) if config.supertiles else (config.splat_cache_lines, 0),
     }
-    version = VERSION_MAJOR << 16 | VERSION_MINOR + config.stereo + 2 * config.packed
-    values = {"id": MAGIC, "version": version, "fingerprint": fingerprint(config)}
+    values = {"id": MAGIC, "version": VERSION_MAJOR << 16 | version_minor(config), "fingerprint": fingerprint(config)}
     for register in _IDENTITY:
         if register.name in parts:
             values[register.name] = sum(

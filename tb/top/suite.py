@@ -110,11 +110,12 @@ def broken_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
         clients = {"error_clients": 1 << read_clients(config).index(name)}
         add(failing(scene, name, ErrorCode.READ_ERROR, clients, **how))
     if config.supertiles:
-        add(failing(scene, "supertiles", ErrorCode.READ_ERROR, {"error_clients": 1 << read_clients(config).index("tiles")}))
+        add(failing(scene, "supertiles", ErrorCode.READ_ERROR, {"error_clients": 1 << read_clients(config).index("tiles")},
+                    **how))
     writers = write_clients(config)
     for name in (name for name in writers if name != "spill"):
         add(failing(scene, name, ErrorCode.WRITE_ERROR, {"error_clients": 1 << 16 + writers.index(name)}, **how))
-    add(failing(spilling, "spill", ErrorCode.WRITE_ERROR, {"error_clients": 1 << 16 + writers.index("spill")}))
+    add(failing(spilling, "spill", ErrorCode.WRITE_ERROR, {"error_clients": 1 << 16 + writers.index("spill")}, **how))
     if config.packed:
         add(failing_table(scene, {"error_clients": 1 << 16 + writers.index("frame")}))
     numbers = {setting.name: setting.number for setting in settings(config)}
@@ -125,8 +126,8 @@ def broken_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
         registers = {"bad_setting": numbers[name], "cycles_render": 0}
         add(planned(scene, f"{name} = {value}", error=ErrorCode.BAD_SETTING, registers=registers, changes={name: value}, **how))
     first_pages = {"entries_beats": FIRST_PAGE_BEATS}
-    add(planned(spilling, "no room for second pages", error=ErrorCode.ENTRIES_FULL, changes=first_pages))
-    add(planned(spilling, "no room for runs", error=ErrorCode.SPILL_FULL, changes={"spill_beats": 2}))
+    add(planned(spilling, "no room for second pages", error=ErrorCode.ENTRIES_FULL, changes=first_pages, **how))
+    add(planned(spilling, "no room for runs", error=ErrorCode.SPILL_FULL, changes={"spill_beats": 2}, **how))
     return plan
 
 

@@ -36,7 +36,7 @@ RANGES = {
     "warp_columns": (64, 8192), "list_heads": (2, 1 << 14), "header_lines": (4, 1 << 14), "batch_places": (16, 4096),
 }
 FLAGS = ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks", "buckets",
-         "lockstep")
+         "lockstep", "packed")
 POWERS_OF_TWO = ("culling_units", "sort_buffer_bytes", "merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns",
                  "header_lines", "batch_places")
 
@@ -140,6 +140,12 @@ def test_streams_divide_the_cores_of_a_machine_with_super_tiles():
     for name in ("cores_x", "cores_y"):
         with pytest.raises(ValueError, match=rf"^{name} must be at least 4 in a machine with streams, not 2$"):
             V3.with_(streams=4, **{name: 2})
+
+
+def test_machines_with_super_tiles_may_pack_frames():
+    assert V3_PACKED == V3.with_(name="v3_packed", packed=True) and not V3.packed
+    with pytest.raises(ValueError, match=r"^lists must be 'supertile' in a machine with packed frames, not 'tile'$"):
+        PAPER.with_(packed=True)
 
 
 def test_every_parameter_is_covered_here():
