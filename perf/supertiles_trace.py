@@ -164,8 +164,8 @@ class SuperTrace:
 def super_trace(
     frame: pipeline.Frame, record: dict[str, object] | None = None, seconds: float = 0.0, stop: np.ndarray | None = None,
 ) -> SuperTrace:
-    """The trace of a golden frame; `seconds` is the CPU time that rendering it took, to which this function adds its own. `stop`
-    is the trace's field where it is known.
+    """The trace of a golden frame; `seconds` is the CPU time that rendering it took, to which this function adds its own.
+    `stop` is the trace's field where it is known.
 
     Raises:
         ValueError: the frame is of a machine without super-tiles.
@@ -191,7 +191,8 @@ def super_trace(
         np.unpackbits(pairs.levels[:, None], axis=1).sum(1).astype(np.uint8), np.diff(e.start).astype(np.int32),
         r.header[:, 1] != 0, pairs.intersection.astype(np.int32), e.use,
         np.ones(len(e.use), np.uint8) if frame.regions is None else frame.regions,
-        np.stack([stop_entries(frame, stream) for stream in range(frame.config.streams)]) if stop is None else stop, len(np.unique(pairs.splat)),
+        np.stack([stop_entries(frame, q) for q in range(frame.config.streams)]) if stop is None else stop,
+        len(np.unique(pairs.splat)),
         int(e.filtered), dict(record or {}), seconds + work_clock() - begin)
 
 
