@@ -195,7 +195,7 @@ def super_trace(
         np.unpackbits(pairs.levels[:, None], axis=1).sum(1).astype(np.uint8), np.diff(e.start).astype(np.int32),
         r.header[:, 1] != 0, pairs.intersection.astype(np.int32), e.use,
         np.ones(len(e.use), np.uint8) if frame.regions is None else frame.regions,
-        np.stack([stop_entries(frame, stream) for stream in range(frame.config.streams)]) if stop is None else stop,
+        np.stack([stop_entries(frame, q) for q in range(frame.config.streams)]) if stop is None else stop,
         pack_frame(display_bytes(display_pixels(frame))).sizes.astype(np.uint8), len(np.unique(pairs.splat)),
         int(e.filtered), dict(record or {}), seconds + work_clock() - begin)
 

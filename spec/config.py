@@ -1,7 +1,7 @@
 """AcceleratorConfig: the one parameter object from which the golden renderer, the RTL and the reports are made.
 
 V3 is our machine: the resources of the paper, a model in spatial order, read in chunks of compact records, and lists by
-super-tile (`spec.supertiles`). It renders one eye. DEFAULT is V3 with fewer front-end units and a narrower row, HEADSET V3 with
+super-tile (`spec.supertiles`). Its RTL renders one eye. DEFAULT is V3 with fewer front-end units and a narrower row, HEADSET V3 with
 a wider one. V3_PACKED packs its frames (`spec.packed`), V3_STREAMS has four arrays. PAPER reproduces the machine of the paper
 (section 7, "Hardware Implementation"), whose lists belong to tiles; it and variants of it render two eyes. TINY, TINY_V3 and
 TINY_STREAMS are for fast simulation. PRECISE, BALANCED and FAST are V3 with the word lengths and SH degrees that lost at most
@@ -87,7 +87,7 @@ class AcceleratorConfig:
         records: the format of a Gaussian in memory, "wide" or "compact"; the second needs chunks.
         lists: "tile": every tile has a list of its intersections, and splat records are stored in memory. "supertile": every
             super-tile has lists, and records are gathered and projected again (`spec.supertiles`); this needs compact records,
-            and the machine has one eye only. The five parameters below matter in such machines alone, `splat_cache_lines` in
+            and its RTL renders one eye only. The five parameters below matter in such machines alone, `splat_cache_lines` in
             the others alone.
         list_heads: number of lists, at least that of super-tiles in a frame of `row_width` by `row_width` pixels.
         buckets: whether a super-tile may have several lists, by depth.

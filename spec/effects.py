@@ -99,11 +99,12 @@ def with_two_eyes(config: AcceleratorConfig) -> AcceleratorConfig:
     """`config` with the warp unit, for frames of two eyes.
 
     Raises:
-        InputError: a machine with lists by super-tile renders one eye only.
+        InputError: a machine with lists by super-tile has no warp unit, and its RTL renders one eye only; the integer renderer
+            has joint frames (`spec.joint`).
     """
     if config.supertiles:
-        raise InputError(f"two eyes are not accepted: config {config.name!r} has lists by super-tile and renders one eye; "
-                         "config 'paper' renders two")
+        raise InputError(f"two eyes are not accepted: config {config.name!r} has lists by super-tile and its RTL renders one "
+                         "eye; config 'paper' renders two")
     return config.with_(stereo=True)
 
 
