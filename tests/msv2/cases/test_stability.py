@@ -31,8 +31,9 @@ def test_every_hard_case_is_there_once():
         case_named("nothing")
 
 
-QUICK_FAULTS = ("no near plane", "no guard band", "no clamp of the Jacobian", "no low-pass filter", "no cut at 1/255 in the array",
-                "ties by arrival, not by index", "a depth of 0 has no disparity", "frames without coverage pass")
+QUICK_FAULTS = ("no near plane", "no guard band", "no clamp of the Jacobian", "no low-pass filter",
+                "no cut at 1/255 in the array", "ties by arrival, not by index", "a depth of 0 has no disparity",
+                "frames without coverage pass")
 
 
 @pytest.mark.parametrize("fault", [
