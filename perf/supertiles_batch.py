@@ -6,18 +6,18 @@ Each stream has a record of its own, of `stream_layout`, for the side of the bat
 
 from __future__ import annotations
 
-from perf import blending, bus
+from perf import blending, bus, packing
 from perf.constants import SETUP_LATENCY
 from perf.kernel import step
 from perf.layout import Layout
-from perf.supertiles_gather import layout as before
+from perf.packing import layout as before
 from spec.constants import TILE
 from spec.queues import ARRAY_TILES
 
 layout = Layout(before)
 layout.words("""
-    batches parts fill_batch fill_left fill_open fill_closed fill_at passed released first_reader read_ahead row_turn
-    split array_x""")
+    batches parts fill_batch fill_left fill_open fill_closed fill_at passed released first_reader read_ahead array_x row_x
+    eye_tiles eye_beats""")
 layout.ring("asked", 16)
 stream_layout = Layout()
 stream_layout.words("""
@@ -29,7 +29,7 @@ stream_layout.words("""
 stream_layout.words("""
     slot_valid slot_drain ops_buffered buffer_drain stop_0 stop_1 in_flight leave_in leave_out stop_latency blocks cores_y
     row_latency leave_latency issue issue_left issue_drain issue_at issued_at incremental rows_free drain_wait drain_in
-    drain_out drain_rows drain_row row_halves tile_out row_out""")
+    drain_out drain_rows drain_row row_halves""")
 _VISITS, _ITEMS, _UNBANKED = 16, 16, 4
 _RINGS = (("pass_times", 16), ("visit_ids", _VISITS), ("visit_times", _VISITS), ("item_entry", _ITEMS),
                 ("item_half", _ITEMS), ("item_times", _ITEMS), ("leave_times", 8), ("drain_times", 64))
@@ -98,37 +98,63 @@ def release(s, streams):
 
 
 @step
-def step_rows(s, streams, t, granted, drawn, tile_times):
-    """Moves a row of pixels of one stream to the pixel writer."""
-    count, chosen = len(streams), -1
-    for k in range(count):
-        q = (k + s.row_turn) % count
-        if chosen < 0 and blending.rows_offered(streams[q], t):
-            chosen = q
+def _row_stream(s, count, cores_y):
+    """The stream whose array gives the next row, or the left part of it."""
+    lower = 2 * s.row_out * s.row_x >= TILE * TILE
+    if count == 1:
+        return 0
+    if s.row_x > s.array_x:
+        return 2 if lower else 0
+    across = TILE // s.row_x
+    return 2 * lower + (s.row_out // cores_y % across >= across // 2)
+
+
+@step
+def _row_taken(s, t, granted, offered, cores_y, drawn, sizes):
+    """Steps the pixel writer or the frame packer. Returns whether it takes the row that is offered."""
+    if s.packs:
+        whole = packing.completes(s, s.row_out, s.row_x, cores_y)
+        room = packing.step_packer(s, t, granted, drawn, sizes)
+        taken = offered and (room or not whole)
+        if taken and whole:
+            packing.take_row(s, t)
+        return taken
     room = blending.send_beats(s, granted)
     if room:
-        s.packed = chosen >= 0
-    taken = room and chosen >= 0
-    blending.count_rows(s, chosen >= 0, taken)
+        s.packed = offered
+    return room and offered
+
+
+@step
+def step_rows(s, streams, t, granted, drawn, sizes, tile_times):
+    """Moves a row of pixels, of one array or of two side by side, to the pixel writer or the frame packer."""
+    cores_y = streams[0].cores_y
+    q = _row_stream(s, len(streams), cores_y)
+    joined = s.row_x > s.array_x
+    offered = blending.rows_offered(streams[q], t) and (not joined or blending.rows_offered(streams[q + 1], t))
+    taken = _row_taken(s, t, granted, offered, cores_y, drawn, sizes)
+    blending.count_rows(s, offered, taken)
     if not taken:
         return
-    a = streams[chosen]
-    s.row_turn = (chosen + 1) % count
-    side, tile, row = TILE // s.split, drawn[a.tile_out], a.row_out
-    y, x = tile // s.tiles_x * TILE + chosen // s.split * side, tile % s.tiles_x * TILE + chosen % s.split * side
-    s.packed_beats, s.packed_at = blending.row_beats(s, x, y, side // s.array_x, row, s.array_x, a.cores_y)
-    if a.row_out == 0:
-        tile_times[0, a.tile_out] = t
-    a.row_out = row + 1
-    if (row + 1) * s.array_x == side * side:
-        tile_times[1, a.tile_out] = t
-        a.row_out = 0
-        a.tile_out += 1
-        s.row_out += 1
-        if s.row_out == count:
-            s.row_out = 0
-            s.tile_out += 1
-    blending.take_row(a)
+    at, row = s.tile_out, s.row_out
+    tile = drawn[at]
+    eye = tile >= s.eye_tiles  # the second eye's tiles follow those of the first
+    tile -= eye * s.eye_tiles
+    if s.packs == 0:
+        s.packed_beats, s.packed_at = blending.row_beats(
+            s, tile % s.tiles_x * TILE, tile // s.tiles_x * TILE, TILE // s.row_x, row, s.row_x, cores_y)
+        s.packed_at += eye * s.eye_beats
+    if row == 0:
+        tile_times[0, at] = t
+    row += 1
+    if row * s.row_x == TILE * TILE:
+        tile_times[1, at] = t
+        row = 0
+        s.tile_out = at + 1
+    s.row_out = row
+    blending.take_row(streams[q])
+    if joined:
+        blending.take_row(streams[q + 1])
 
 
 @step

@@ -43,6 +43,9 @@ from rtl.supertiles.colour import PairColour
 from rtl.supertiles.pair_writer import PairWriter
 from rtl.supertiles.reader import SuperTileReader
 from rtl.supertiles.record_fetch import RecordFetch
+from rtl.supertiles.row_join import RowJoin
+from rtl.supertiles.stream_arrays import StreamArrays
+from rtl.supertiles.stream_buffer import StreamBuffer
 from rtl.supertiles.tile_test import SuperTileTest
 from rtl.tile_lists.entry_writer import IntersectionWriter
 from rtl.tile_lists.geometry_reader import GeometryReader
@@ -65,7 +68,7 @@ from rtl.vrc_array.splat_fetch import SplatFetch
 from rtl.warp_unit.disparity import disparity_divider
 from rtl.warp_unit.warp_unit import WarpUnit
 from spec.command_line import choice
-from spec.config import V3, AcceleratorConfig, NumberFormats
+from spec.config import MOST_STREAMS, V3, AcceleratorConfig, NumberFormats
 from spec.registers import WRITE_CLIENTS, read_clients
 from spec.stages import EVERY_STAGE
 
@@ -105,9 +108,16 @@ def _of_compact(config: AcceleratorConfig) -> AcceleratorConfig:
 
 
 def _of_supertiles(config: AcceleratorConfig) -> AcceleratorConfig:
-    """The machine, or where its lists are those of tiles the same one with super-tiles, V3's records and one eye."""
+    """The machine; where its lists are by tile the same one with super-tiles, V3's records, one eye and no lockstep."""
     return config if config.supertiles else config.with_(
-        order=V3.order, chunks=V3.chunks, records=V3.records, lists=V3.lists, stereo=False)
+        order=V3.order, chunks=V3.chunks, records=V3.records, lists=V3.lists, stereo=False, lockstep=False)
+
+
+def _of_streams(config: AcceleratorConfig) -> AcceleratorConfig:
+    """The machine, or where it has one stream the same one with super-tiles and four, and with four cores at least in a row."""
+    config = _of_supertiles(config)
+    return config if config.streams > 1 else config.with_(
+        streams=MOST_STREAMS, cores_x=max(4, config.cores_x), cores_y=max(4, config.cores_y))
 
 
 UNITS: dict[str, Unit] = {
@@ -169,6 +179,11 @@ UNITS: dict[str, Unit] = {
                          "records of sorted pairs, by the headers of their chunks, to projection"),
     "batch_buffer": Unit(lambda config: BatchBuffer(_of_supertiles(config)),
                          "splat records of super-tiles in batches, dealt to their tiles"),
+    "stream_buffer": Unit(lambda config: StreamBuffer(_of_streams(config)),
+                          "splat records of super-tiles in batches, dealt to the quarters of their tiles in four streams"),
+    "row_join": Unit(lambda config: RowJoin(_of_streams(config)), "rows of pixels of four arrays as those of one"),
+    "stream_arrays": Unit(lambda config: StreamArrays(_of_streams(config)),
+                          "a batch buffer of four streams with an array for each"),
     "pixel_writer": Unit(PixelWriter, "finished rows of pixels to the frame in memory"),
     "block_packer": Unit(BlockPacker, "blocks of pixels into beats of a packed frame"),
     "frame_packer": Unit(FramePacker, "finished rows of pixels to a packed frame in memory"),

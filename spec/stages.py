@@ -203,15 +203,17 @@ _SUPERTILE = (
         "batch", "Batch buffer", StagePhase.RENDERING,
         "Splat records are gathered in batches, and each tile that has any of them is visited.",
         golden=("golden.msv2_ref.batches",),
-        rtl=("rtl.supertiles.batch_masks", "rtl.supertiles.batch_visits", "rtl.supertiles.batch_buffer"),
-        units=("batch_buffer",),
-        suites=("tb.supertiles.batch_suite",), test="batch", counters=("batch",)),
+        rtl=("rtl.supertiles.batch_masks", "rtl.supertiles.batch_visits", "rtl.supertiles.batch_buffer",
+             "rtl.supertiles.stream_buffer"),
+        units=("batch_buffer", "stream_buffer"),
+        suites=("tb.supertiles.batch_suite", "tb.supertiles.stream_suite"), test="batch", counters=("batch",)),
     Stage(
         "batch_array", "Array with kept pixels", StagePhase.RENDERING,
         "Splats are set up and blended as elsewhere, and the state of a tile's pixels is kept between its visits.",
         golden=("golden.msv2_ref.array",),
-        rtl=("rtl.vrc_array.batch_setup", "rtl.vrc_array.pixel_state", "rtl.vrc_array.batch_array"),
-        units=("batch_array",),
+        rtl=("rtl.vrc_array.batch_setup", "rtl.vrc_array.pixel_state", "rtl.vrc_array.batch_array",
+             "rtl.supertiles.stream_arrays", "rtl.supertiles.row_join"),
+        units=("batch_array", "stream_arrays", "row_join"),
         suites=("tb.supertiles.array_suite",), test="batch_array", counters=("array",)),
 )
 

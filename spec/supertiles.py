@@ -67,7 +67,8 @@ has its own setup unit, its own state memory for the regions of a super-tile, an
   may have a place with no bit at all.
 - The exponent is computed for the tile's centre as with one stream, and only then moved to the region's first pixel, which is
   exact. So pixels do not depend on the number of streams.
-- Rows of `array_x` pixels leave in any order among streams; those of one stream as with one array.
+- Rows of pixels go to memory as one array would give them, the array of `frame_rows`: where the regions of two arrays fill a
+  row of a tile, their rows are joined; otherwise the arrays take turns, block by block.
 - `ops`, `skipped` and visits are sums over all streams. Batches are counted once.
 """
 
@@ -75,7 +76,7 @@ from __future__ import annotations
 
 from spec.chunks import PLACE_BITS
 from spec.config import AcceleratorConfig
-from spec.constants import SUPER_TILES
+from spec.constants import SUPER_TILES, TILE
 from spec.memory import splat_record, tile_setting
 from spec.records import (
     COUNT_BITS,
@@ -176,6 +177,13 @@ def visit_entry(config: AcceleratorConfig) -> Record:
         *array_splat(config).fields,
         Field("end", uint(1), "all intersections of the visit have come; the rest means nothing"),
     ))
+
+
+def frame_rows(config: AcceleratorConfig) -> AcceleratorConfig:
+    """The machine as the writer of its frame sees it: with one array, whose rows are those that its streams give together."""
+    if config.streams == 1:
+        return config
+    return config.with_(streams=1, cores_x=TILE if 2 * config.array_x == TILE else config.array_x, cores_y=config.array_y)
 
 
 def check_supertiles(config: AcceleratorConfig) -> None:

@@ -25,7 +25,7 @@ from tb.sort_tmu import handover_suite as handover
 from tb.sort_tmu import hierarchical_suite
 from tb.sort_tmu import tile_merge_suite as tmu
 from tb.supertiles import array_suite as batch_array
-from tb.supertiles import batch_suite, buckets_suite, clip_suite, order_suite, record_fetch_suite
+from tb.supertiles import batch_suite, buckets_suite, clip_suite, order_suite, record_fetch_suite, stream_suite
 from tb.supertiles import colour_suite as pair_colour
 from tb.supertiles import lists_suite as pair_lists
 from tb.supertiles import reader_suite as supertile_reader
@@ -54,7 +54,7 @@ UNITS = {
                    "supertile_reader": supertile_reader},
     "record_fetch": {"record_fetch": record_fetch_suite},
     "pair_colour": {"pair_colour": pair_colour},
-    "batch": {"batch": batch_suite},
+    "batch": {"batch": batch_suite, "stream_buffer": stream_suite},
     "batch_array": {"batch_array": batch_array},
     "frame_packer": {"frame_packer": packer_suite},
     "frame_unpacker": {"block_unpacker": unpacker_suite},

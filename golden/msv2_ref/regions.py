@@ -53,12 +53,29 @@ def region_masks(
     """
     if obb:
         return np.full(len(entries.splat), (1 << config.streams) - 1, np.uint8)
-    mask = np.zeros(len(entries.splat), np.uint8)
     tile = np.repeat(np.arange(len(registers.header)), np.diff(entries.start))
+    return found_regions(
+        config, projected.mean2d, projected.conic, opacity, registers.header[:, 0], tile, entries.splat, registers.width,
+        registers.height)
+
+
+def found_regions(
+    config: AcceleratorConfig, mean2d: np.ndarray, conic: np.ndarray, opacity: np.ndarray, level: np.ndarray, tile: np.ndarray,
+    splat: np.ndarray, width: int, height: int,
+) -> np.ndarray:
+    """(E,) uint8: the regions of intersections in any order, by the exact test.
+
+    Args:
+        config: the machine, with four streams.
+        mean2d, conic, opacity: (N, 2) raw, (N, 3) float64 and (N, 4) raw of the splats.
+        level: (tiles,) levels.
+        tile, splat: (E,) tile and splat of each intersection.
+        width, height: size of the frame in pixels.
+    """
+    mask = np.zeros(len(splat), np.uint8)
     for_slices(
-        _find, len(mask), tile, entries.splat, np.ascontiguousarray(opacity), np.ascontiguousarray(registers.header[:, 0]),
-        projected.mean2d, projected.conic, registers.tiles_x, float(registers.width), float(registers.height),
-        culling_constants(config), mask)
+        _find, len(mask), tile, splat, np.ascontiguousarray(opacity), np.ascontiguousarray(level), mean2d, conic,
+        -(-width // TILE), float(width), float(height), culling_constants(config), mask)
     return mask
 
 

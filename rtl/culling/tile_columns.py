@@ -83,6 +83,7 @@ class Ellipse:
     def __init__(self, config: AcceleratorConfig) -> None:
         self.config, self.formats, self.g = config, config.formats, Dataflow()
         self.work, self.view = config.formats.work, config.formats.view
+        self.heights: dict[Node, tuple[Node, Node]] = {}
         self._wide: dict[Node, Node] = {}
 
     def wide(self, x: Node) -> Node:
@@ -134,7 +135,31 @@ class Ellipse:
 
         after = g.logic("row_end", height.to, end, row, height)
         high = g.logic("high", n.reach, lambda after, mean: (after << frac) - mean - inset, after, mean_y)
-        return g.to_float(g.logic("low", n.reach, low, row, mean_y), self.view), g.to_float(high, self.view)
+        self.heights[row] = bottom, _ = g.logic("low", n.reach, low, row, mean_y), high
+        return g.to_float(bottom, self.view), g.to_float(high, self.view)
+
+    def halves(self, row: Node, mean_y: Node, height: Node, reach: Node) -> tuple[Node, Node]:
+        """Whether the ellipse, which reaches to +-`reach` along y, meets the upper and the lower half of the row's tiles, after
+        `rows` has been called for the row."""
+        g, n, half = self.g, self.formats, TILE // 2
+        frac = n.mean2d.frac_bits
+        inset = (1 << frac - 1) - _raw(TILE_EDGE_MARGIN, n.mean2d)
+        low, high = self.heights[row]
+
+        def end(row: Value, height: Value) -> Value:
+            last = (row << _TILE_PLACES) + half
+            return Mux(last < height, last, height)
+
+        middle = g.logic("middle", height.to, end, row, height)
+        below = g.logic("half_high", n.reach, lambda middle, mean: (middle << frac) - mean - inset, middle, mean_y)
+        above = g.logic("half_low", n.reach, lambda low: low + (half << frac), low)
+        inside = g.logic("half_inside", 1, lambda row, height: (row << _TILE_PLACES) + half < height, row, height)
+        upper = g.logic(
+            "upper", 1, lambda low, high, reach: (low <= reach) & ~(high + reach)[-1], low, below, reach)
+        lower = g.logic(
+            "lower", 1, lambda low, high, reach, inside: (low <= reach) & ~(high + reach)[-1] & inside,
+            above, high, reach, inside)
+        return upper, lower
 
     def reach(self, y: Node, narrow: Node, l2: Node, l3: Node, limit: Node) -> Node:
         """The distance from the mean to the ellipse's left edge at height y, which is also that to its right edge at -y."""
@@ -216,7 +241,8 @@ def row_columns(config: AcceleratorConfig, rows: int) -> Dataflow:
 
     Inputs: l1, l2, l3, mean_x, mean_y as above; row_0, row_1, ...: the rows; opacity: the opacity in tiles of any level.
     Settings: width, height.
-    Outputs: first_0, last_0, none_0, first_1, ...: as above for each of the rows.
+    Outputs: first_0, last_0, none_0, first_1, ...: as above for each of the rows. With streams, columns are those of halves of
+    tiles, and upper_0, lower_0, upper_1, ... say whether the ellipse reaches into the upper and the lower half of the row.
     """
     e = Ellipse(config)
     g, n = e.g, e.formats
@@ -226,14 +252,23 @@ def row_columns(config: AcceleratorConfig, rows: int) -> Dataflow:
     width, height = _size_settings(g, config)
     splat = e.splat(*splat_inputs, opacity, opacity)
     for i, row in enumerate(at):
-        _columns(g, n.mean2d, width, splat.mean_x, *e.edges(splat, row, height), suffix=f"_{i}")
+        _columns(g, n.mean2d, width, splat.mean_x, *e.edges(splat, row, height), suffix=f"_{i}", split=config.split)
+    if config.streams > 1:
+        reach = g.to_fixed(splat.rim, n.reach)
+        for i, row in enumerate(at):
+            for name, met in zip(("upper", "lower"), e.halves(row, splat_inputs[-1], height, reach), strict=True):
+                g.output(f"{name}_{i}", met)
     return g
 
 
 def _columns(
     g: Dataflow, mean2d: Fixed, width: Node, mean: Node, left: Node, right: Node, hidden: Node, *, suffix: str = "",
+    split: int = 1,
 ) -> None:
-    """Makes the outputs from the distances between the mean and the ellipse's left and right edges."""
+    """Makes the outputs from the distances between the mean and the ellipse's left and right edges. Columns are those of tiles
+    divided into `split` parts."""
+    places = _TILE_PLACES - (split.bit_length() - 1)
+    column = uint(TILE_BITS + split.bit_length() - 1)
     frac, margin, pixel = mean2d.frac_bits, _raw(TILE_EDGE_MARGIN, mean2d), uint(width.to.width)
     half, whole = 1 << frac - 1, mean2d.int_bits + 3  # enough for a signed sum of three such numbers
     first = g.logic("first_pixel", Fixed(whole, 0, True), lambda mean, x: (mean - x + (half - 1 - margin)) >> frac, mean, left)
@@ -241,6 +276,5 @@ def _columns(
     edge = g.logic("edge", pixel, lambda last, width: Mux(last < width, last, width - 1)[: pixel.width], last, width)
     g.output(f"none{suffix}", g.logic("none", 1, lambda first, last, hidden, width: (
         hidden | (first > last) | (first >= width) | last[-1]), first, last, hidden, width))
-    g.output(f"first{suffix}", g.logic("first", uint(TILE_BITS), lambda x: Mux(
-        x[-1], 0, x[_TILE_PLACES:][:TILE_BITS]), first))
-    g.output(f"last{suffix}", g.view("last", uint(TILE_BITS), lambda x: x[_TILE_PLACES:][:TILE_BITS], edge))
+    g.output(f"first{suffix}", g.logic("first", column, lambda x: Mux(x[-1], 0, x[places:][: column.width]), first))
+    g.output(f"last{suffix}", g.view("last", column, lambda x: x[places:][: column.width], edge))

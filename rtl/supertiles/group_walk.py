@@ -17,22 +17,34 @@ from spec.constants import MAX_LEVELS, SUPER_Y
 from spec.queues import LEVEL_GROUP
 
 
+def halves_layout() -> data.StructLayout:
+    """Of a row of tiles in a machine with streams: whether the ellipse misses the left half of the first column, whether it
+    misses the right half of the last one, and whether it reaches into the upper and into the lower half of the row."""
+    return data.StructLayout({"no_left": 1, "no_right": 1, "upper": 1, "lower": 1})
+
+
 def tested_step(config: AcceleratorConfig) -> data.StructLayout:
     """A step of a box with the result of the ellipse test: for each tile row first and last column, and whether the ellipse
-    meets none of its pixels."""
+    meets none of its pixels; with streams, `halves` as well."""
     columns = data.ArrayLayout(axis_bits(config), SUPER_Y)
-    return data.StructLayout({"first": columns, "last": columns, "none": SUPER_Y, "carried": carried_step(config)})
+    return data.StructLayout({
+        "first": columns, "last": columns, "none": SUPER_Y, "carried": carried_step(config), **_halves(config)})
+
+
+def _halves(config: AcceleratorConfig) -> dict[str, data.ArrayLayout]:
+    return {"halves": data.ArrayLayout(halves_layout(), SUPER_Y)} if config.streams > 1 else {}
 
 
 def tested_group(config: AcceleratorConfig) -> data.StructLayout:
     """A group of columns of a step: for each tile, by row and column, whether the splat touches it, and whether the filter
     passes this intersection; and the levels of those that pass. `row` is the super-row of the first tile row, and `astride`
-    says that the second one lies in the next. `closes` marks the step's last group, `last` the splat's. An item with `end` is
-    no group."""
+    says that the second one lies in the next. `closes` marks the step's last group, `last` the splat's. With streams,
+    `quarters` has the tiles of which the splat touches each quarter, if they pass. An item with `end` is no group."""
     tiles = data.ArrayLayout(LEVEL_GROUP, SUPER_Y)
+    quarters = {"quarters": data.ArrayLayout(tiles, config.streams)} if config.streams > 1 else {}
     return data.StructLayout({
         "row": unsigned(row_bits(config)), "astride": 1, "group": unsigned(group_bits(config)), "touched": tiles,
-        "passed": tiles, "levels": MAX_LEVELS, "closes": 1, "last": 1, "end": 1})
+        "passed": tiles, "levels": MAX_LEVELS, "closes": 1, "last": 1, "end": 1, **quarters})
 
 
 class GroupWalk(wiring.Component):
@@ -65,7 +77,8 @@ class GroupWalk(wiring.Component):
         })
         columns = data.ArrayLayout(axis_bits(config), SUPER_Y)
         self._cut_layout = data.StructLayout({
-            "first": columns, "last": columns, "met": SUPER_Y, "row": axis_bits(config), "bound": 2, "last_step": 1, "end": 1})
+            "first": columns, "last": columns, "met": SUPER_Y, "row": axis_bits(config), "bound": 2, "last_step": 1, "end": 1,
+            **_halves(config)})
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
@@ -102,6 +115,12 @@ class GroupWalk(wiring.Component):
                          last.eq(Mux(~self.obb & (step.last[i] < box.last_x), step.last[i], box.last_x))]
             m.d.sync += [cut.first[i].eq(first), cut.last[i].eq(last),
                          cut.met[i].eq(box.inside[i] & ~box.end & (self.obb | ~step.none[i] & (first <= last)))]
+            if self._config.streams > 1:
+                halves = step.halves[i]
+                m.d.sync += [  # columns that the box cuts off have halves that are not looked at
+                    cut.halves[i].no_left.eq(halves.no_left & ~self.obb & (step.first[i] >= box.first_x)),
+                    cut.halves[i].no_right.eq(halves.no_right & ~self.obb & (step.last[i] <= box.last_x)),
+                    cut.halves[i].upper.eq(halves.upper | self.obb), cut.halves[i].lower.eq(halves.lower | self.obb)]
 
     def _groups(self, cut: data.View) -> tuple[Value, Value]:
         """The first and the last group of a step; any one group where no tile is touched."""
@@ -118,6 +137,7 @@ class GroupWalk(wiring.Component):
         read, valid = Signal(data.StructLayout({
             "row": out.payload.row.shape(), "astride": 1, "group": group.shape(), "touched": tiles, "bound": 2, "closes": 1,
             "last": 1, "end": 1,
+            **({"left": tiles, "right": tiles, **_halves(self._config)} if self._config.streams > 1 else {}),
         }), reset_less=True), Signal()
         moves = Signal()
         m.d.comb += [moves.eq(~out.valid | out.ready), free.eq(~valid | moves)]
@@ -130,6 +150,12 @@ class GroupWalk(wiring.Component):
                 read.end.eq(walked.end),
                 *(read.touched[i].eq(_between(walked.first[i], walked.last[i], group) & walked.met[i].replicate(LEVEL_GROUP))
                   for i in range(SUPER_Y))]
+            if self._config.streams > 1:
+                m.d.sync += read.halves.eq(walked.halves)
+                m.d.sync += [side[i].eq(~(_at(columns[i], group) & halves.replicate(LEVEL_GROUP)))
+                             for i in range(SUPER_Y) for side, columns, halves in (
+                                 (read.left, walked.first, walked.halves[i].no_left),
+                                 (read.right, walked.last, walked.halves[i].no_right))]
         passed = [Cat(read.touched[i][k] & (self.levels[i][k] <= read.bound) for k in range(LEVEL_GROUP))
                   for i in range(SUPER_Y)]
         levels = (reduce(or_, (passed[i][k] & (self.levels[i][k] == level)
@@ -141,6 +167,10 @@ class GroupWalk(wiring.Component):
                 *(out.payload[name].eq(read[name]) for name in (
                     "row", "astride", "group", "touched", "closes", "last", "end")),
                 *(out.payload.passed[i].eq(passed[i]) for i in range(SUPER_Y)), out.payload.levels.eq(Cat(*levels))]
+            for q in range(self._config.streams if self._config.streams > 1 else 0):
+                for i in range(SUPER_Y):
+                    rows, columns = read.halves[i]["lower" if q >> 1 else "upper"], read["right" if q & 1 else "left"][i]
+                    m.d.sync += out.payload.quarters[q][i].eq(passed[i] & columns & rows.replicate(LEVEL_GROUP))
 
 
 def _between(first: Value, last: Value, group: Value) -> Value:
@@ -149,3 +179,9 @@ def _between(first: Value, last: Value, group: Value) -> Value:
     before, after = first[GROUP_PLACES:] < group, last[GROUP_PLACES:] > group
     starts, stops = first[GROUP_PLACES:] == group, last[GROUP_PLACES:] == group
     return Cat((before | starts & (begin <= k)) & (after | stops & (end >= k)) for k in range(LEVEL_GROUP))
+
+
+def _at(column: Value, group: Value) -> Value:
+    """A bit for each column of a group: whether it is this one."""
+    here = column[GROUP_PLACES:] == group
+    return Cat(here & (column[:GROUP_PLACES] == k) for k in range(LEVEL_GROUP))

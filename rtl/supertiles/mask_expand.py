@@ -1,12 +1,13 @@
-"""Gives splats that lie in one super-tile each the mask of its tiles."""
+"""Gives splats that lie in one super-tile each the mask of its tiles, with streams one for each of their quarters."""
 
 from __future__ import annotations
 
 from functools import reduce
 from operator import or_
+from typing import Any
 
 from amaranth.hdl import Cat, Module, Value
-from amaranth.lib import stream, wiring
+from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.culling.tile_expand import kept_record
@@ -34,6 +35,7 @@ class MaskExpand(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
+        self._config = config
         super().__init__({
             "groups": In(stream.Signature(tested_group(config))),
             "splats": In(stream.Signature(layout(kept_record(config)))),
@@ -49,11 +51,17 @@ class MaskExpand(wiring.Component):
             self.groups.ready.eq(self.splats.valid & leaving.sink.ready),
             self.splats.ready.eq(self.groups.valid & leaving.sink.ready),
             leaving.sink.valid.eq(self.groups.valid & self.splats.valid),
-            survivor.mask.eq(Cat(_either(row) for row in item.passed)),
+            *self._masks(item, survivor),
             survivor.levels.eq(item.levels),
             *(survivor[name].eq(kept[name]) for name in kept.shape().members if name in survivor.shape().members),
         ]
         return m
+
+    def _masks(self, item: data.View, survivor: data.View) -> list[Any]:
+        """The masks of the super-tile's tiles, one for each stream."""
+        if self._config.streams == 1:
+            return [survivor.mask.eq(Cat(_either(row) for row in item.passed))]
+        return [survivor.mask[q].eq(Cat(_either(row) for row in item.quarters[q])) for q in range(self._config.streams)]
 
 
 def _either(row: Value) -> Value:

@@ -162,10 +162,17 @@ class SuperTileTest(wiring.Component):
             walk.steps.payload.carried.eq(found.carried),
         ]
         for i in range(SUPER_Y):
+            columns = [found[f"{name}_{i}"] for name in ("first", "last")]
+            if self.config.streams > 1:
+                halves = walk.steps.payload.halves[i]
+                m.d.comb += [
+                    halves.no_left.eq(columns[0][0]), halves.no_right.eq(~columns[1][0]),
+                    halves.upper.eq(found[f"upper_{i}"]), halves.lower.eq(found[f"lower_{i}"])]
+                columns = [column[1:] for column in columns]
             m.d.comb += [
                 operands[f"row_{i}"].eq(item.carried.row + i),
-                walk.steps.payload.first[i].eq(found[f"first_{i}"]),
-                walk.steps.payload.last[i].eq(found[f"last_{i}"]),
+                walk.steps.payload.first[i].eq(columns[0]),
+                walk.steps.payload.last[i].eq(columns[1]),
                 walk.steps.payload.none[i].eq(found[f"none_{i}"]),
             ]
 

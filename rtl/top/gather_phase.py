@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Signal
+from typing import Any, NamedTuple
+
+from amaranth.hdl import Module, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
 from rtl.culling.saturations import SaturationCounters
+from rtl.pixels.frame_writer import FrameWriter
 from rtl.shapes import layout
 from rtl.sort_tmu.handover import handover
 from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
@@ -17,12 +20,12 @@ from rtl.supertiles.batch_buffer import BatchBuffer
 from rtl.supertiles.colour import PairColour
 from rtl.supertiles.reader import SuperTileReader
 from rtl.supertiles.record_fetch import RecordFetch
+from rtl.supertiles.stream_arrays import StreamArrays
 from rtl.tile_lists.list_reader import ListReader
 from rtl.top.ports import connect_settings, phase_ports, watch
 from rtl.vrc_array.batch_array import BatchArray
 from rtl.vrc_array.pixel_writer import PixelWriter
 from spec.config import AcceleratorConfig
-from spec.errors import InputError
 from spec.queues import LISTS_AHEAD, OUTPUT_DRAINS, SUPERTILES_AHEAD
 from spec.records import (
     chunk_item,
@@ -34,8 +37,8 @@ from spec.records import (
     tile_group,
 )
 from spec.registers import CHUNK_READ_CLIENTS
-from spec.saturations import SATURATIONS
-from spec.supertiles import check_supertiles, supertile
+from spec.saturations import WATCHED
+from spec.supertiles import check_supertiles, frame_rows, supertile
 
 READERS, WRITERS = ("tiles", "colour", "entries", "spill", *CHUNK_READ_CLIENTS), ("spill", "frame")
 """Memory clients of this phase, by the names of `spec.registers`."""
@@ -43,10 +46,17 @@ READERS, WRITERS = ("tiles", "colour", "entries", "spill", *CHUNK_READ_CLIENTS),
 STAGES = ("list_read", "sort", "handover", "fetch", "colour", "batch", "array", "pixel_write")
 """Stages of this phase whose input streams are watched by the performance counters."""
 
-_SATURATED = tuple(s.name for s in SATURATIONS if s.stream == "views")
+_SATURATED = tuple(s.name for s in WATCHED if s.stream == "views")
 
 _COUNTS = (
     "groups", "spilled_entries", "header_hits", "header_misses", "batches", "visits", "ops", "skipped", "pixels", *_SATURATED)
+
+
+class _Watched(NamedTuple):
+    """Streams together, as counters see them: whether any has an item, and whether any moves."""
+
+    valid: Value
+    ready: Value
 
 
 class GatherPhase(wiring.Component):
@@ -63,10 +73,14 @@ class GatherPhase(wiring.Component):
                                                                                          done ▲      │ visits, entries
                                                           frame ◄─ PixelWriter ◄─────────── BatchArray
 
+    With several streams, `StreamArrays` takes the place of batch buffer and array.
+
     The streams that end here with a name pass through units of the first phase, which both phases use: `merged` comes back as
     `listed`, with the ends of super-tiles, `gathered` as `tested`, projected and tested again, for which it needs `supertiles`.
     Neither reader of lists keeps the other waiting for ever: that of super-tiles takes all lists of a frame without waiting,
     and ListReader has space for more lists than a super-tile has, so that a super-tile comes before its pairs.
+
+    Where the machine packs frames, FrameWriter stands in PixelWriter's place.
 
     Parameters:
         config: the machine, with super-tiles; `incremental` selects the handover behind the sorter.
@@ -105,8 +119,6 @@ class GatherPhase(wiring.Component):
             "supertiles": Out(stream.Signature(layout(supertile(config)))),
             "counted": Out(1), "overflow": Out(1), "saturated": Out(1)})
         check_supertiles(config)
-        if config.streams > 1:
-            raise InputError(f"streams {config.streams} is not accepted: the machine in RTL has one array, and 1 stream")
         self.config = config
 
     def elaborate(self, platform: object) -> Module:
@@ -117,11 +129,10 @@ class GatherPhase(wiring.Component):
         m.submodules.handover = buffer = handover(self.config)
         m.submodules.fetch = fetch = RecordFetch(self.config)
         m.submodules.colour = colour = PairColour(self.config, sh_degree=self.config.sh_degree)
-        m.submodules.batches = batches = BatchBuffer(self.config)
-        rows = OUTPUT_DRAINS * self.config.cores_y if self.config.incremental else None
-        m.submodules.array = array = BatchArray(self.config, lines=rows)
-        m.submodules.writer = writer = PixelWriter(self.config)
-        for unit in (reader, sorter, fetch, colour, batches, array, writer):
+        batches, array = self._arrays(m)
+        wide = frame_rows(self.config)
+        m.submodules.writer = writer = FrameWriter(wide) if self.config.packed else PixelWriter(wide)
+        for unit in dict.fromkeys((reader, sorter, fetch, colour, batches, array, writer)):
             connect_settings(m, self, unit)
         m.d.comb += [
             merge.beta.eq(self.settings.beta), merge.auto.eq(self.settings.auto_beta),
@@ -137,8 +148,13 @@ class GatherPhase(wiring.Component):
         wiring.connect(m, wiring.flipped(self.tested), colour.survivors)
         wiring.connect(m, fetch.beats, colour.data)
         wiring.connect(m, colour.places, batches.places)
-        wiring.connect(m, batches.visits, array.visits)
-        wiring.connect(m, batches.entries, array.entries)
+        entries: _Watched | stream.Interface
+        if self.config.streams > 1:
+            entries, stops = _Watched(array.taking, array.taken), []
+        else:
+            wiring.connect(m, batches.visits, array.visits)
+            wiring.connect(m, batches.entries, array.entries)
+            entries, stops = array.entries, [batches.done.eq(array.done), batches.current.eq(array.current)]
         wiring.connect(m, array.pixels, writer.rows)
         for name, unit in (("entries", reader), ("spill", sorter)):
             wiring.connect(m, unit.reads, wiring.flipped(getattr(self, f"reads_{name}")))
@@ -150,17 +166,27 @@ class GatherPhase(wiring.Component):
             wiring.connect(m, unit.writes, wiring.flipped(getattr(self, f"writes_{name}")))
             m.d.comb += unit.writes_idle.eq(getattr(self, f"idle_{name}"))
         m.d.comb += [
-            batches.done.eq(array.done), batches.current.eq(array.current), writer.begin.eq(self.start),
+            *stops, writer.begin.eq(self.start),
             self.sorted_item.eq(sorter.sorted.payload), self.sorted_taken.eq(sorter.sorted.valid & sorter.sorted.ready),
             self.done.eq(writer.finished), self.overflow.eq(sorter.overflow),
             self.saturated.eq(merge.saturated | merge.outside), self.ready.eq(~merge.busy)]
-        watch(m, self, (reader.data, sorter.groups, buffer.sink, fetch.sorted, colour.survivors, batches.places, array.entries,
+        watch(m, self, (reader.data, sorter.groups, buffer.sink, fetch.sorted, colour.survivors, batches.places, entries,
                         writer.rows))
         if self.config.counters:
             self._count(m, sorter, fetch, colour, batches, array, writer)
         return m
 
-    def _super_tiles(self, m: Module, reader: ListReader, batches: BatchBuffer) -> None:
+    def _arrays(self, m: Module) -> tuple[Any, Any]:
+        """Adds the batch buffer and the array, which is one unit with several streams."""
+        rows = OUTPUT_DRAINS * self.config.array_y if self.config.incremental else None
+        if self.config.streams > 1:
+            m.submodules.arrays = arrays = StreamArrays(self.config, lines=rows)
+            return arrays, arrays
+        m.submodules.batches = batches = BatchBuffer(self.config)
+        m.submodules.array = array = BatchArray(self.config, lines=rows)
+        return batches, array
+
+    def _super_tiles(self, m: Module, reader: ListReader, batches: BatchBuffer | StreamArrays) -> None:
         """Holds lists back until `start`, sends them to both readers, and each super-tile to the batch buffer and out."""
         m.submodules.fork = fork = Fork(self.listed.payload.shape())
         m.submodules.supertiles = made = SuperTileReader(self.config)
@@ -195,8 +221,8 @@ class GatherPhase(wiring.Component):
         wiring.connect(m, wiring.flipped(self.data_tiles), made.data)
 
     def _count(
-        self, m: Module, sorter: HierarchicalSorter, fetch: RecordFetch, colour: PairColour, batches: BatchBuffer,
-        array: BatchArray, writer: PixelWriter,
+        self, m: Module, sorter: HierarchicalSorter, fetch: RecordFetch, colour: PairColour,
+        batches: BatchBuffer | StreamArrays, array: BatchArray | StreamArrays, writer: PixelWriter | FrameWriter,
     ) -> None:
         m.submodules.saturations = counts = SaturationCounters(self.config)
         lists, places = self.listed, colour.places

@@ -9,6 +9,7 @@ from golden.msv2_ref.pipeline import Frame
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import BEAT_BYTES
+from spec.supertiles import frame_rows
 
 RENDER_READS, RENDER_WRITES = ("entries", "spill", "views"), ("spill", "frame")
 """Clients of the memory that work in the rendering phase of machines with lists by tile."""
@@ -22,16 +23,26 @@ def render_reads(config: AcceleratorConfig) -> tuple[str, ...]:
     return GATHER_READS if config.supertiles else RENDER_READS
 
 
-def array_ops(frame: Frame) -> int:
-    """Upper bound on the operations of the array: one for each level that uses an intersection, and one per level for the
+def stream_ops(frame: Frame) -> list[int]:
+    """Upper bounds on the operations of each array: one for each level that uses an intersection, and one per level for the
     background of a rendered tile; with super-tiles, a load for each visit, and a store for all but a tile's last. Each of them
-    counts for every block of a tile."""
-    blend = frame.headers["blend"].astype(int)
-    ops = int(len(frame.entries.splat) + (frame.entries.use == 3).sum() + (1 + blend).sum())
-    if frame.config.supertiles:
-        final = FrameBatches(frame).visits.final
-        ops += 2 * len(final) - int(final.sum())
-    return frame.config.blocks * ops
+    counts for every block of a tile, or of its region."""
+    background = int((1 + frame.headers["blend"].astype(int)).sum())
+    if not frame.config.supertiles:
+        use = frame.entries.use
+        return [frame.config.blocks * (len(use) + int((use == 3).sum()) + background)]
+    batches, ops = FrameBatches(frame), []
+    for stream in range(frame.config.streams):
+        visits = batches.stream_visits(stream)
+        use, final = frame.entries.use[visits.order], visits.final
+        ops.append(frame.config.blocks * (
+            len(use) + int((use == 3).sum()) + background + 2 * len(final) - int(final.sum())))
+    return ops
+
+
+def array_ops(frame: Frame) -> int:
+    """Upper bound on the operations of all arrays."""
+    return sum(stream_ops(frame))
 
 
 def least_cycles(frame: Frame) -> int:
@@ -47,19 +58,20 @@ def bound_cycles(
 ) -> dict[str, int]:
     """Least cycles of the rendering phase, by the stage or resource that limits them.
 
-    The array takes one intersection per cycle and level, even if it then skips it, and issues one operation per cycle.
+    An array takes one intersection per cycle and level, even if it then skips it, and issues one operation per cycle.
 
     Args:
         frame: the golden frame.
-        ops: the operations that the array issued; fewer than `array_ops` where intersections were skipped or dropped.
+        ops: the operations that the arrays issued; fewer than `array_ops` where intersections were skipped or dropped.
         read_beats, write_beats: beats of the rendering phase.
         bytes_per_cycle: the memory's bandwidth; None for one beat read and one beat written in every cycle.
         second: the target eye's frame, for frames of two eyes; `ops` and beats are then those of both eyes.
     """
     eyes = [frame, *([second] if second else [])]
-    rows = sum(len(eye.headers) for eye in eyes) * TILE * (TILE // frame.config.cores_x)
+    rows = sum(len(eye.headers) for eye in eyes) * TILE * (TILE // frame_rows(frame.config).cores_x)
     memory = max(read_beats, write_beats) if bytes_per_cycle is None else (
         (read_beats + write_beats) * BEAT_BYTES / bytes_per_cycle)
-    array = max(sum(map(array_ops, eyes)) // frame.config.blocks, ops)
+    most = max(sum(ops) for ops in zip(*map(stream_ops, eyes), strict=True))
+    array = max(most // frame.config.blocks, -(-ops // frame.config.streams))
     entries = sum(len((eye.entries if eye.pairs is None else eye.pairs).splat) for eye in eyes)
     return {"sort": entries, "array": array, "pixel_rows": rows, "memory": int(np.ceil(memory))}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from spec.config import SHORT_FORMATS, TINY_V3, V3, AcceleratorConfig
+from spec.config import SHORT_FORMATS, TINY_STREAMS, TINY_V3, V3, V3_STREAMS, AcceleratorConfig
 from tb.common import exact
 from tb.common.exact import Outcome, every_pattern
 from tb.common.patterns import Pattern
@@ -17,9 +17,6 @@ from tb.vrc_array.array_check import golden_pixels, problems
 from tb.vrc_array.array_device import background_bits, rows_per_tile
 from tb.vrc_array.array_stimuli import CORNERS, Case, random_case
 
-STREAMS = TINY_V3.with_(name="tiny_streams", cores_x=8, cores_y=8, streams=4)
-"""Four arrays of 4 by 4 cores, each of which renders its region in four blocks."""
-
 VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny_v3": TINY_V3,
     "tiny_v3-1-level": TINY_V3.with_(levels=1),
@@ -27,8 +24,8 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny_v3-baseline": TINY_V3.with_(incremental=False),
     "v3-short": V3.with_(levels=1, depth=False, formats=SHORT_FORMATS),
     "v3": V3,
-    "tiny_streams": STREAMS,
-    "v3-4-streams": V3.with_(streams=4),
+    "tiny_streams": TINY_STREAMS,
+    "v3_streams": V3_STREAMS,
 }
 """Configurations that can be tested."""
 

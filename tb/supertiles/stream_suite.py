@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spec.config import TINY_V3, V3, AcceleratorConfig
+from spec.config import TINY_STREAMS, V3_STREAMS, AcceleratorConfig
 from spec.supertiles import SEQUENCE_BITS
 from tb.common import exact
 from tb.common.exact import Outcome
@@ -20,11 +20,12 @@ from tb.supertiles.batch_device import Mode, playback
 from tb.supertiles.batch_stimuli import EVERY, Case, Tiles, case_of, random_case, wanted_batches, wanted_visits
 from tb.supertiles.batch_suite import MOST_ENTRIES
 
-STREAMS = TINY_V3.with_(name="tiny_streams", cores_x=8, cores_y=8, streams=4)
-
 VARIANTS: dict[str, AcceleratorConfig] = {
-    "tiny_streams": STREAMS, "16-places": STREAMS.with_(batch_places=16), "v3-4-streams": V3.with_(streams=4)}
+    "tiny_streams": TINY_STREAMS, "16-places": TINY_STREAMS.with_(batch_places=16), "v3_streams": V3_STREAMS}
 """Configurations that can be tested."""
+
+DISTINCT = tuple(VARIANTS)
+"""All configurations."""
 
 PORTS = ("supertiles", "places", *(f"{name}_{q}" for name in ("visits", "entries") for q in range(4)))
 
@@ -106,3 +107,14 @@ def run_plan(
 ) -> Outcome:
     """Plays a plan and compares all results."""
     return exact.run_plan(playback(config), plan, folder, waves=waves, progress=progress, judge=problems)
+
+
+full_plan = unit_plan
+"""All runs."""
+
+
+def figures(config: AcceleratorConfig, plan: Sequence[Planned], outcome: Outcome) -> list[str]:
+    """One line per run with its places and the entries of each stream."""
+    return [f"{item.name}: {recording.items['places']} places, "
+            f"{', '.join(str(recording.items[f'entries_{q}']) for q in range(config.streams))} entries and ends, "
+            f"{recording.cycles} cycles" for item, recording in exact.recorded(plan, outcome)]

@@ -69,5 +69,5 @@ def _emit(config: AcceleratorConfig) -> str:
 def playback(config: AcceleratorConfig) -> Playback:
     """The bench of a configuration, emitted as Verilog, with a file at each stream."""
     return SuperTileTestBench(config).playback(
-        f"supertile-test-{config.row_width}-{config.point_interval}", "super_tile_test_bench",
+        f"supertile-test-{config.row_width}-{config.point_interval}-{config.streams}", "super_tile_test_bench",
         emitted("supertile-test-bench", config, _emit))

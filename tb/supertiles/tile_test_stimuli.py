@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from golden.msv2_ref.regions import found_regions
 from golden.msv2_ref.tile_test import TileTest, tile_test
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS, SUPER_TILES, SUPER_X, SUPER_Y, TILE
@@ -29,12 +30,16 @@ class PairsFound(NamedTuple):
         supertile: (P,) numbers of super-tiles.
         mask: (P,) masks of the super-tile's tiles with an intersection.
         levels: (P,) masks of the levels of these tiles.
+        of: (E,) the pair of each intersection.
+        place: (E,) the number of its tile in the super-tile.
     """
 
     splat: np.ndarray
     supertile: np.ndarray
     mask: np.ndarray
     levels: np.ndarray
+    of: np.ndarray
+    place: np.ndarray
 
 
 def supers_x(width: int) -> int:
@@ -53,7 +58,21 @@ def pairs_of(test: TileTest, index: np.ndarray, levels: np.ndarray, width: int) 
     mask, used = np.zeros(len(found), np.int64), np.zeros(len(found), np.int64)
     np.bitwise_or.at(mask, of, 1 << place)
     np.bitwise_or.at(used, of, 1 << levels[test.entries["tile"][:-1], 0])
-    return PairsFound(found // count, found % count, mask, used)
+    return PairsFound(found // count, found % count, mask, used, of, place)
+
+
+def quarter_masks(case: Case, frame: int, found: PairsFound) -> np.ndarray:
+    """(P, streams): for each pair of a frame the tiles of its super-tile whose quarter of a stream is met, one bit each."""
+    config, (splats, levels) = case.config, case.frames[frame]
+    tile = case.golden[frame].entries["tile"][:-1].astype(np.int64)
+    opacity = np.broadcast_to(splats["log2_opacity"].reshape(len(splats), 1), (len(splats), MAX_LEVELS))
+    met = np.full(len(tile), (1 << config.streams) - 1) if case.obb else found_regions(
+        config, np.ascontiguousarray(splats["mean2d"]), config.formats.conic.to_float(splats["conic"]), opacity, levels[:, 0],
+        tile, np.searchsorted(splats["index"], case.golden[frame].entries["index"][:-1]), case.width, case.height)
+    masks = np.zeros((len(found.splat), config.streams), np.int64)
+    for stream in range(config.streams):
+        np.bitwise_or.at(masks[:, stream], found.of, (met >> stream & 1).astype(np.int64) << found.place)
+    return masks
 
 
 def clipped(splats: np.ndarray, supertile: np.ndarray, width: int) -> np.ndarray:
@@ -128,7 +147,7 @@ class SuperCase:
     def expected(self) -> dict[str, np.ndarray]:
         """Items of the output streams."""
         pairs, survivors = [], []
-        for (splats, _), found, order in zip(self.base.frames, self.found, self.second, strict=True):
+        for k, ((splats, _), found, order) in enumerate(zip(self.base.frames, self.found, self.second, strict=True)):
             items = np.zeros(len(found.splat) + 1, supertile_pair(self.config).dtype)
             items["supertile"][:-1], items["end"][-1] = found.supertile, 1
             for name in ("index", "depth_key"):
@@ -137,7 +156,8 @@ class SuperCase:
             back = np.zeros(len(order), surviving_splat(self.config).dtype)
             for name in {*splats.dtype.names} & {*back.dtype.names} - {"end"}:
                 back[name] = splats[name][found.splat[order]]
-            back["levels"], back["mask"] = found.levels[order], found.mask[order]
+            masks = found.mask if self.config.streams == 1 else quarter_masks(self.base, k, found)
+            back["levels"], back["mask"] = found.levels[order], masks[order]
             survivors.append(back)
         return {"pairs": np.concatenate(pairs), "survivors": np.concatenate(survivors)}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spec.config import TINY_V3, V3, AcceleratorConfig
+from spec.config import TINY_STREAMS, TINY_V3, V3, V3_STREAMS, AcceleratorConfig
 from spec.constants import TILE
 from spec.queues import LINES_AHEAD
 from tb.common import exact
@@ -14,11 +14,11 @@ from tb.culling.tile_test_stimuli import Case, case_of, corner_cases, random_cas
 from tb.supertiles.tile_test_device import playback
 from tb.supertiles.tile_test_stimuli import SuperCase, numbered, wide_case
 
-VARIANTS: dict[str, AcceleratorConfig] = {"tiny_v3": TINY_V3, "v3": V3}
+VARIANTS: dict[str, AcceleratorConfig] = {config.name: config for config in (TINY_V3, TINY_STREAMS, V3, V3_STREAMS)}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny_v3", "v3")
-"""Configurations with different units: they test a run of tiles every 8 cycles and every cycle."""
+DISTINCT = tuple(VARIANTS)
+"""Configurations with different units: they test a run of tiles every 8 cycles and every cycle, with and without quarters."""
 
 PORTS = ("splats", "table", "pairs", "survivors")
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from golden.host.memory_image import DisplayPixels, FramePixels, MemoryImage
+from golden.host.memory_image import DisplayPixels, FramePixels, MemoryImage, PackedPixels
 from spec.codes import ErrorCode
 from spec.config import AcceleratorConfig
 from spec.host_settings import settings
@@ -18,6 +18,9 @@ from tb.common.runner import Waves, simulate
 from tb.top.device import Machine
 from tb.top.memory import MemorySpeed, broken_rules, memory_beats, plusargs
 from tb.top.progress import Pass
+
+PACKED_PIXEL_BYTES = 2
+"""Bytes that a pixel of a packed frame takes in memory, about; for the progress bar."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,7 @@ class FrameResult:
         target: the target eye's frame, for frames of two eyes.
     """
 
-    pixels: FramePixels | DisplayPixels
+    pixels: FramePixels | DisplayPixels | PackedPixels
     error: ErrorCode
     done: bool
     registers: dict[str, int]
@@ -203,7 +206,7 @@ def _orders(registers: Map, run: FrameRun, number: int, files: dict[int, int], f
         "name": run.name, "reset": run.reset, "abort": run.abort, "cut": run.cut,
         "settle": run.settle, "late": registers["cycles_target_low"] if run.late else None,
         "passes": [asdict(item) for item in run.expected or (_pixels_only(image),)],
-        "pixel_bytes": image.pixel_bytes, "loads": loads, "dump": (number, frame.base, frame.beats),
+        "pixel_bytes": image.pixel_bytes or PACKED_PIXEL_BYTES, "loads": loads, "dump": (number, frame.base, frame.beats),
         "memory": {
             **run.speed.signals, "first_writable": BEAT_BYTES * image.first_writable,
             "watch_first": BEAT_BYTES * frame.base, "watch_end": BEAT_BYTES * frame.end},

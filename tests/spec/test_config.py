@@ -11,6 +11,7 @@ from spec.config import (
     CONFIGS,
     DEFAULT,
     FAST,
+    HEADSET,
     MACHINES,
     PAPER,
     PAPER_SMALL,
@@ -18,9 +19,12 @@ from spec.config import (
     PRESETS,
     SHORT_FORMATS,
     TINY,
+    TINY_STREAMS,
     TINY_V3,
     V3,
+    V3_PACKED,
     V3_RECORDS,
+    V3_STREAMS,
     AcceleratorConfig,
     NumberFormats,
 )
@@ -32,7 +36,7 @@ RANGES = {
     "warp_columns": (64, 8192), "list_heads": (2, 1 << 14), "header_lines": (4, 1 << 14), "batch_places": (16, 4096),
 }
 FLAGS = ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks", "buckets",
-         "lockstep")
+         "lockstep", "packed")
 POWERS_OF_TWO = ("culling_units", "sort_buffer_bytes", "merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns",
                  "header_lines", "batch_places")
 
@@ -122,6 +126,7 @@ def test_streams_divide_the_cores_of_a_machine_with_super_tiles():
     assert (four.split, four.region, four.array_x, four.array_y, four.batch_banks) == (2, 8, 8, 8, 8)
     small = TINY_V3.with_(streams=4)
     assert (small.array_x, small.array_y, small.blocks) == (2, 2, TINY_V3.blocks)
+    assert (TINY_STREAMS.array_x, TINY_STREAMS.array_y, TINY_STREAMS.blocks) == (TINY_V3.array_x, TINY_V3.array_y, 4)
     for bad in (2, 3):
         with pytest.raises(ValueError, match=rf"^streams must be 1 or 4, not {bad}$"):
             V3.with_(streams=bad)
@@ -135,6 +140,12 @@ def test_streams_divide_the_cores_of_a_machine_with_super_tiles():
     for name in ("cores_x", "cores_y"):
         with pytest.raises(ValueError, match=rf"^{name} must be at least 4 in a machine with streams, not 2$"):
             V3.with_(streams=4, **{name: 2})
+
+
+def test_machines_with_super_tiles_may_pack_frames():
+    assert V3_PACKED == V3.with_(name="v3_packed", packed=True) and not V3.packed
+    with pytest.raises(ValueError, match=r"^lists must be 'supertile' in a machine with packed frames, not 'tile'$"):
+        PAPER.with_(packed=True)
 
 
 def test_every_parameter_is_covered_here():
@@ -164,7 +175,9 @@ def test_the_configurations():
     presets = {"precise": PRECISE, "balanced": BALANCED, "fast": FAST}
     assert CONFIGS == {"tiny": TINY, "default": DEFAULT, "paper": PAPER, "v3": V3, **presets}
     assert V3 == PAPER.with_(name="v3", order="spatial", chunks=True, records="compact", lists="supertile")
-    ours = (DEFAULT, V3, TINY_V3, *presets.values())
+    ours = (DEFAULT, V3, V3_PACKED, V3_STREAMS, HEADSET, TINY_V3, TINY_STREAMS, *presets.values())
+    assert HEADSET == V3.with_(name="headset", row_width=2208, list_heads=2048)
+    assert V3_STREAMS == V3.with_(name="v3_streams", streams=4)
     assert {c.name for c in MACHINES.values() if c.supertiles} == {c.name for c in ours}
     assert all((c.order, c.chunks, c.records) == ("spatial", True, "compact") for c in (*ours, V3_RECORDS))
     assert all((c.order, c.chunks, c.records, c.lists) == ("file", False, "wide", "tile")

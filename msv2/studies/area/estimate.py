@@ -5,9 +5,12 @@
 
 An estimate begins with PAPER's build of reports/area.json, with or without the warp unit, or for lists by super-tile with the
 build `v3`. The logic of a group is scaled by what the configuration changes in it (`_logic`). Machines with chunks and lists
-by tile get the logic that reads and tests chunks from the build `v3` (`_chunk_units`). Memories are taken from the table of
+by tile get the logic that reads and tests chunks from the build `v3` (`_chunk_units`), and machines that pack frames the
+frame packer as it was synthesised alone. Memories are taken from the table of
 shapes (`msv2.studies.area.stores`) and built of macros as in synthesis (`synth.macros`), so that a larger cache costs the
-area of its lines and tags. For PAPER with the presets' formats, which was synthesised, the estimate is within 1 % of the builds
+area of its lines and tags. With several streams, what every array has of its own counts as often: setup, sequencer, rows,
+collection, blending and the masks of batches. What the tile test and the join of rows add is left out: some hundred flip-flops.
+For PAPER with the presets' formats, which was synthesised, the estimate is within 1 % of the builds
 (tests/msv2/studies/area/test_estimate.py). Areas are in um^2 at 16 nm.
 """
 
@@ -106,10 +109,8 @@ def estimate_area(config: AcceleratorConfig) -> AreaEstimate:
     """The area of a machine.
 
     Raises:
-        InputError: a report of synthesis is missing, or the machine has several streams, of which none was synthesised.
+        InputError: a report of synthesis is missing.
     """
-    if config.streams > 1:
-        raise InputError(f"streams {config.streams} has no estimate of area: 1 has one")
     for name, build in BUILDS.items():
         if all(getattr(config, f.name) == getattr(build, f.name) for f in fields(config) if f.name not in NO_AREA):
             return AreaEstimate(_of_build(name), SYNTHESISED, name)
@@ -117,8 +118,9 @@ def estimate_area(config: AcceleratorConfig) -> AreaEstimate:
     build = BUILDS[name]
     base, here, there = _of_build(name), _memories(config), _memories(build)
     chunks = _chunk_units() if config.chunks and not config.supertiles else {}
+    packer = {LISTS: _synthesised_um2("frame_packer") * _TO_16NM} if config.packed else {}
     groups = {
-        group: GroupArea(base[group].logic_um2 * _logic(group, config, build) + chunks.get(group, 0.0),
+        group: GroupArea(base[group].logic_um2 * _logic(group, config, build) + chunks.get(group, 0.0) + packer.get(group, 0.0),
                          max(0.0, base[group].memory_um2 + here.get(group, 0.0) - there.get(group, 0.0)))
         for group in base}
     return AreaEstimate(groups, ESTIMATE, name)
@@ -160,6 +162,11 @@ def _chunk_units() -> dict[str, float]:
             LISTS: sum(units[unit] for unit in _READING) - _row("geometry.reader")["logic_um2_16nm"]}
 
 
+def _synthesised_um2(unit: str) -> float:
+    """The area of a unit that was synthesised alone, in um^2 of its technology."""
+    return next(row["area_um2"] for row in _report("synthesis")["rows"] if row["unit"] == unit)
+
+
 def _row(unit: str) -> Mapping[str, object]:
     return next(row for row in _report("area")["rows"] if row["unit"] == unit)
 
@@ -186,20 +193,25 @@ def _array(config: AcceleratorConfig) -> float:
     core, row = parts["pixel_core"]["area"], parts["vrc_row"]["area"]
     held = BUILDS["1ghz"]
     more = (config.banks * _pixel_bits(config) - held.banks * _pixel_bits(held)) * (FLOP_UM2 + MUX_UM2)
-    cores = config.cores_x * config.cores_y
+    cores, rows = config.cores_x * config.cores_y, config.streams * config.array_y
     rest = _row("render.array")["logic_um2"] - parts["pixel_core"]["count"] * core - parts["vrc_row"]["count"] * row
     around = sum(_row(f"render.array.{name}")["logic_um2"] for name in ("setup", "sequencer"))
-    expand = _row("render.array.expand")["logic_um2"] * config.cores_x / held.cores_x
-    return (cores * (core * _core_bits(config) / _core_bits(held) + more) + config.cores_y * row
-            + rest * cores / (held.cores_x * held.cores_y) + around + expand)
+    expand = _row("render.array.expand")["logic_um2"] * config.streams * config.array_x / held.cores_x
+    return (cores * (core * _core_bits(config) / _core_bits(held) + more) + rows * row
+            + rest * cores / (held.cores_x * held.cores_y) + config.streams * around + expand)
 
 
 def _blending(config: AcceleratorConfig) -> float:
-    """The rows' collection, and the unit that blends two levels where there are two."""
-    blend = next(row["area_um2"] for row in _report("synthesis")["rows"] if row["unit"] == "blend")
+    """The rows' collection, the unit that blends two levels where there are two, and with super-tiles the batch buffer and the
+    pixels' state."""
+    blend = _synthesised_um2("blend")
     collect = _row("render.array.collect")["logic_um2"] - blend
-    size = config.cores_x / PAPER.cores_x * _pixel_bits(config) / _pixel_bits(PAPER)
-    return size * (collect * (1 + config.level_banks) / 3 + (blend if config.level_banks == 2 else 0))
+    size = config.streams * config.array_x / PAPER.cores_x * _pixel_bits(config) / _pixel_bits(PAPER)
+    kept = 0.0
+    if config.supertiles:
+        units = {row["unit"]: row["logic_um2"] for row in _report("area")["builds"][SUPERTILE_LISTS]["units"]}
+        kept = config.streams * units["render.batches"] + size * units["render.array.state"]
+    return size * (collect * (1 + config.level_banks) / 3 + (blend if config.level_banks == 2 else 0)) + kept
 
 
 def _shared(part: str, config: AcceleratorConfig) -> float:

@@ -152,13 +152,13 @@ def _drawing(config: AcceleratorConfig) -> Iterator[Store]:
 
 
 def _output(config: AcceleratorConfig) -> Iterator[Store]:
-    rows = OUTPUT_DRAINS * config.cores_y if config.incremental else 2 * TILE * TILE // config.cores_x
-    yield Store("array control and output", "lines", BLENDING, rows, _stored_row(config))
+    rows = OUTPUT_DRAINS * config.array_y if config.incremental else 2 * config.region**2 // config.array_x
+    yield Store("array control and output", "lines", BLENDING, rows, _stored_row(config), config.streams)
 
 
 def _stored_row(config: AcceleratorConfig) -> int:
     """Bits of a row of pixels in the buffer behind the array."""
-    left_out = 0 if config.depth else config.cores_x * config.formats.depth_accumulator.width
+    left_out = 0 if config.depth else config.array_x * config.formats.depth_accumulator.width
     return pixel_row(config).width - left_out
 
 

@@ -72,7 +72,7 @@ def _tile_test(config: AcceleratorConfig) -> Iterator[Store]:
     if codes:
         yield Store("supertile_test", "levels", CULLING, -(-rows // SUPER_Y) * groups, LEVEL_GROUP * codes, SUPER_Y)
     key = next(f.format.width for f in projected_splat(config).fields if f.name == "depth_key")
-    kept = surviving_splat(config).width - 1 - MAX_LEVELS - SUPER_TILES + key
+    kept = surviving_splat(config).width - 1 - MAX_LEVELS - SUPER_TILES * config.streams + key
     yield Store("supertile_test", "queue", CULLING, paths.ellipse.rows + TILE_TEST_BESIDE - 1, kept)
     columns, axis = -(-config.row_width // (TILE * SUPER_X)), max((rows - 1).bit_length(), LEVEL_GROUP.bit_length())
     line = 2 * columns + axis - (SUPER_Y - 1).bit_length() + INDEX_BITS + key + 1
@@ -117,10 +117,11 @@ def _record_fetch(config: AcceleratorConfig) -> Iterator[Store]:
 
 def _batches(config: AcceleratorConfig) -> Iterator[Store]:
     n, places = config.formats, config.batch_places
-    yield Store("batch_buffer", "records", BLENDING, 2 * places, splat_record(config).width)
+    banks, streams = config.batch_banks, config.streams
+    yield Store("batch_buffer", "records", BLENDING, 2 * places // banks, splat_record(config).width, banks)
     mask = min(_MASK_PLACES, places)
-    yield Store("batch_buffer", "masks", BLENDING, 2 * SUPER_TILES * places // mask, mask)
-    rows, lanes = SUPER_TILES * TILE * TILE // config.cores_x, config.cores_x * config.level_banks
+    yield Store("batch_buffer", "masks", BLENDING, 2 * SUPER_TILES * places // mask, mask, streams)
+    rows, lanes = SUPER_TILES * config.region**2 // config.array_x, config.array_x * config.level_banks
     sums = 3 * n.accumulator.width + (n.depth_accumulator.width if config.depth else 0)
-    yield Store("pixel_state", "transmittances", BLENDING, rows, lanes * n.transmittance.width)
-    yield Store("pixel_state", "sums", BLENDING, rows, lanes * sums)
+    yield Store("pixel_state", "transmittances", BLENDING, rows, lanes * n.transmittance.width, streams)
+    yield Store("pixel_state", "sums", BLENDING, rows, lanes * sums, streams)

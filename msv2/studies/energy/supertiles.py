@@ -18,7 +18,6 @@ from msv2.studies.area.super_stores import super_stores
 from msv2.studies.energy.frame import WorkCounts
 from msv2.studies.energy.table import Memory, Table, Unit
 from spec.config import V3, AcceleratorConfig
-from spec.constants import TILE
 from spec.memory import BEAT_BYTES
 
 if TYPE_CHECKING:  # a table must not need the model's compiler
@@ -29,6 +28,9 @@ OPERATIONS = {
     "projection_unit": "projected", "tile_merge_unit": "pairs", "hierarchical_sorter": "sorted_entries", "line_buffer": "pairs",
     "list_reader": "pairs"}
 """Units that count another operation than on PAPER."""
+
+DEALT = "dealt"
+"""What the batch buffer counts: intersections of all streams, which on V3, where it was measured, are those of the frame."""
 
 GONE = ("geometry_reader", "tile_test", "colour_unit", "entry_writer", "splat_fetch", "header_maker", "warp_unit")
 """PAPER's units that these machines do not have, or have another one in the place of."""
@@ -58,6 +60,10 @@ class SuperCounts(WorkCounts):
         projected: Gaussians that pass projection: those that are read, and those of pairs.
         tests, tested: pairs, and intersections, that the tile test finds in both phases.
         state_rows: rows of pixels that are stored, and as many loaded.
+        dealt: intersections that the batch buffer deals: with streams, those of each stream with its regions.
+
+    With several streams `ops` counts an operation of one array as the share of the cores that it has. So the setup units and
+    the rows, a few per cent of an operation's energy, count less often than they work.
     """
 
     pairs: int = 0
@@ -69,6 +75,7 @@ class SuperCounts(WorkCounts):
     tests: int = 0
     tested: int = 0
     state_rows: int = 0
+    dealt: int = 0
 
     def of(self, operation: str) -> int:
         """The number of a unit's operations: a field, or a sum of fields."""
@@ -81,19 +88,21 @@ def super_counts(trace: SuperTrace, cycles: SuperCycles, config: AcceleratorConf
     tiles = len(trace.counts)
     return SuperCounts(
         points=trace.points_read, survivors=trace.survivors, entries=cycles.entries, spilled_entries=cycles.spilled_entries,
-        ops=cycles.ops, pixels=trace.width * trace.height, tiles=tiles,
+        ops=cycles.ops // config.streams, pixels=trace.width * trace.height, tiles=tiles,
         read_beats=sum(cycles.reads.values()) // BEAT_BYTES, write_beats=sum(cycles.writes.values()) // BEAT_BYTES, **commands,
         pairs=cycles.pairs, places=int(trace.places.sum(dtype=np.int64)), visits=cycles.visits, lists=cycles.lists,
         chunks=len(trace.chunk_count), projected=trace.points_read + cycles.pairs, tests=2 * cycles.pairs,
         tested=2 * cycles.entries,
-        state_rows=(cycles.visits - tiles) * TILE * TILE // config.cores_x)
+        state_rows=(cycles.visits - config.streams * tiles) * config.region**2 // config.array_x,
+        dealt=sum(int((trace.regions >> stream & 1).sum(dtype=np.int64)) for stream in range(config.streams)))
 
 
 def super_table(table: Table, config: AcceleratorConfig = V3) -> Table:
     """The table of energies for a machine with super-tiles, with what was measured and assumed for it."""
     units = [replace(unit, operation=OPERATIONS.get(unit.name, unit.operation), source=_shared(unit))
              for unit in table.units if unit.name not in GONE]
-    return replace(table, units=(*units, *table.supertile_units, *_stand_ins(table), *_assumed(config)))
+    own = [replace(unit, operation=DEALT) if unit.name == "batch_buffer" else unit for unit in table.supertile_units]
+    return replace(table, units=(*units, *own, *_stand_ins(table), *_assumed(config)))
 
 
 def _stand_ins(table: Table) -> list[Unit]:
@@ -118,6 +127,6 @@ def _assumed(config: AcceleratorConfig) -> list[Unit]:
     for store in super_stores(config):
         of, operation, source = ASSUMED.get(store.name, ("", "", ""))
         if store.unit == of:
-            memories = (Memory(store.words, store.width, 1.0, 1.0),) * store.count
+            memories = (Memory(store.words, store.width, 1 / store.count, 1 / store.count),) * store.count
             units.append(Unit(f"{store.unit}: {store.name}", operation, 0.0, 0.0, 0.0, 0.0, memories, source))
     return units

@@ -20,6 +20,7 @@ from golden.scenes.model import GaussianModel
 from golden.threads import SLICES, for_slices
 from spec import constants
 from spec.constants import FRUSTUM_MARGIN, SH_C0, TILE
+from spec.guard_band import MEAN_RANGE
 from spec.harmonics import C1, C2, C2_Z, C3_0, C3_1, C3_2, C3_3
 
 kernel = compiled(nogil=True, fastmath=True, error_model="numpy")
@@ -30,6 +31,7 @@ _ONE, _HALF, _TWO, _ZERO = F(1), F(0.5), F(2), F(0)
 _SCALE, _SMOOTH, _FAINTEST = F(constants.EXPONENT_SCALE), F(constants.LOW_PASS), F(-math.log2(constants.ALPHA_MIN))
 _SUPPORT = F(constants.LOG2E_HALF * constants.SUPPORT_SIGMA**2)
 _ALPHA_MAX, _T_STOP = F(constants.ALPHA_MAX_L1), F(constants.T_STOP)
+_BAND_LOW, _BAND_HIGH = map(F, MEAN_RANGE)
 _SH1, _SH2 = F(C1), tuple(map(F, (C2, -C2, C2_Z, -C2, C2 / 2)))
 _SH3 = tuple(map(F, (-C3_3, C3_2, -C3_1, C3_0, -C3_1, C3_2 / 2, -C3_3)))
 _EXP2 = tuple(map(F, (1.00000349, 0.69297292, 0.24160436, 0.051745, 0.01367031)))  # 2^f on [0, 1] to 3.5e-6
@@ -146,7 +148,7 @@ def _project_block(block, view):
 @inlined
 def _tile_range(mean, extent, size):
     first, last = np.ceil(mean - extent - _HALF), np.floor(mean + extent - _HALF)
-    if first > last or first > size - 1 or last < 0:
+    if first > last or first > size - 1 or last < 0 or not _BAND_LOW < mean < _BAND_HIGH:
         return 1, 0
     return int(max(first, _ZERO)) // TILE, int(min(last, F(size - 1))) // TILE
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
 from functools import cache
 
@@ -82,7 +81,8 @@ EFFECTS = {
     "buckets": Effect("false", "area-", base=V3),
     "header_lines": Effect("16", "area- bytes+", base=V3),
     "batch_places": Effect("64", "cycles+ area-", base=V3),
-    "streams": Effect("4", "cycles-", base=V3),
+    "streams": Effect("4", "cycles- area+", base=V3),
+    "packed": Effect("true", "area+ bytes-", base=V3),
     "formats.chunk": Effect("float6e8b127", "bytes+", base=CHUNKS),
     "formats.position": Effect("float19e8b127", "pixels"),
     "formats.scale": Effect("ufloat11e6b40", "pixels"),
@@ -152,14 +152,14 @@ def seen(config: AcceleratorConfig) -> Seen:
     memory, table = MemoryModel("ideal"), load_table()  # LPDDR3 alone would bound small frames
     if config.supertiles:
         trace = super_trace(frame)
-        cycles = simulate_supertiles(trace, config, memory=memory, display=True)
+        cycles = simulate_supertiles(trace, config, memory=memory, display=True, packed=config.packed)
         counts, table, tests = super_counts(trace, cycles, config), super_table(table, config), trace.pairs
     else:
         trace = trace_of(frame)
         cycles = simulate(trace, config, memory=memory, display=True)
         counts, tests = model_counts(trace, cycles), sum(len(eye.run_entries) for eye in trace.eyes)
     energy = frame_energy(counts, cycles.total, config, table)
-    area = estimate_area(config).mm2 if config.streams == 1 else math.nan  # several streams have no estimate
+    area = estimate_area(config).mm2
     return Seen(source.pixels.colour, source.pixels.depth, second, cycles.total, area, energy.chip_mj,
                 sum((*cycles.reads.values(), *cycles.writes.values())), tests)
 

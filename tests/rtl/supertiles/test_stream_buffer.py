@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from rtl.supertiles.stream_buffer import StreamBuffer
-from spec.config import TINY_V3, V3
+from spec.config import TINY_STREAMS, TINY_V3, V3
 from tb.supertiles import stream_suite
 from tb.supertiles.batch_device import Mode
 
 
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory):
-    """The plan of STREAMS, and its outcome."""
-    plan = stream_suite.unit_plan(stream_suite.STREAMS, 0)
-    return plan, stream_suite.run_plan(stream_suite.STREAMS, plan, tmp_path_factory.mktemp("streams"))
+    """The plan of TINY_STREAMS, and its outcome."""
+    plan = stream_suite.unit_plan(TINY_STREAMS, 0)
+    return plan, stream_suite.run_plan(TINY_STREAMS, plan, tmp_path_factory.mktemp("streams"))
 
 
 def test_tiny_is_exact(tiny):

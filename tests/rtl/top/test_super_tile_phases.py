@@ -7,8 +7,7 @@ import pytest
 from rtl.top import bin_phase, gather_phase, geometry_phase, machine, render_phase
 from rtl.top.splat_path import SplatPath
 from spec import registers
-from spec.config import TINY, TINY_V3, V3
-from spec.errors import InputError
+from spec.config import TINY, TINY_STREAMS, TINY_V3, V3, V3_STREAMS
 
 UNITS = (bin_phase.BinPhase, gather_phase.GatherPhase, SplatPath)
 
@@ -24,7 +23,7 @@ def test_other_machines_are_refused(unit):
         unit(few)
 
 
-@pytest.mark.parametrize("config", [TINY_V3, V3], ids=lambda config: config.name)
+@pytest.mark.parametrize("config", [TINY_V3, V3, V3_STREAMS], ids=lambda config: config.name)
 def test_clients_and_stages_are_those_of_both_phases(config):
     assert {*bin_phase.READERS, *gather_phase.READERS} == set(registers.read_clients(config))
     assert set(bin_phase.READERS) & set(gather_phase.READERS) == {"tiles", "chunks"}
@@ -33,17 +32,13 @@ def test_clients_and_stages_are_those_of_both_phases(config):
 
 
 def test_every_event_has_one_source():
-    units = bin_phase.BinPhase(TINY_V3), gather_phase.GatherPhase(TINY_V3)
-    for name in registers.events(TINY_V3):
-        assert sum(name in unit.signature.members for unit in units) == 1, name
+    for config in (TINY_V3, TINY_STREAMS):
+        units = bin_phase.BinPhase(config), gather_phase.GatherPhase(config)
+        for name in registers.events(config):
+            assert sum(name in unit.signature.members for unit in units) == 1, name
 
 
 def test_each_machine_has_its_own_phases():
     for config, phases in ((TINY, (geometry_phase.GeometryPhase, render_phase.RenderPhase)),
                            (TINY_V3, (bin_phase.BinPhase, gather_phase.GatherPhase))):
         assert machine.phases(config) == phases
-
-
-def test_several_streams_are_refused():
-    with pytest.raises(InputError, match="streams 4 is not accepted: the machine in RTL has one array, and 1 stream"):
-        gather_phase.GatherPhase(V3.with_(streams=4))

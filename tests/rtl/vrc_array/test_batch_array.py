@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rtl.vrc_array.batch_array import BatchArray
-from spec.config import TINY, TINY_V3, V3
+from spec.config import TINY, TINY_STREAMS, TINY_V3, V3
 from tb.supertiles import array_suite
 from tb.supertiles.array_stimuli import split, stopping_case
 from tb.vrc_array.array_stimuli import random_case
@@ -54,7 +54,7 @@ def test_a_state_that_is_not_loaded_is_caught(tmp_path):
 
 def test_an_array_of_four_renders_its_quarter(tmp_path):
     """Each quarter in some of the runs; lists have entries of the other quarters, too."""
-    config = array_suite.STREAMS
+    config = TINY_STREAMS
     plan = [*array_suite.random_plan(config, 0), *array_suite.hazard_plan(config, 1), *array_suite.stop_plan(config, 0)]
     assert {item.frame.quarter for item in plan} == {0, 1, 2, 3} and any(item.frame.done for item in plan)
     outcome = array_suite.run_plan(config, plan, tmp_path)

@@ -89,8 +89,9 @@ SUPERTILES_BROKEN = (
 """Of those that end early, some of each kind, in both phases."""
 
 
-def test_frames_of_super_tiles_in_short(tmp_path):
-    config = VARIANTS["tiny_v3"]
+@pytest.mark.parametrize("variant", ["tiny_v3", pytest.param("tiny_streams", marks=pytest.mark.long)])
+def test_frames_of_super_tiles_in_short(variant, tmp_path):
+    config = VARIANTS[variant]
     plan = [item for item in good_plan(config, 0) if any(words in item.name for words in SUPERTILES_IN_SHORT)]
     plan += [item for item in broken_plan(config, 0) if any(words in item.name for words in SUPERTILES_BROKEN)]
     assert {item.error for item in plan} >= {

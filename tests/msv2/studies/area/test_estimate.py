@@ -8,7 +8,7 @@ import pytest
 
 from msv2.studies.area import estimate
 from msv2.studies.area.estimate import BUILDS, ESTIMATE, SHORTENED, SYNTHESISED, estimate_area
-from spec.config import PAPER, TINY, V3, V3_RECORDS
+from spec.config import PAPER, TINY, V3, V3_RECORDS, V3_STREAMS
 from spec.errors import InputError
 
 
@@ -81,6 +81,12 @@ def test_chunks_add_the_logic_of_their_units():
     assert more["array"] == more["sorting and tile merging"] == 0
 
 
-def test_several_streams_have_no_estimate():
-    with pytest.raises(InputError, match="streams 4 has no estimate of area: 1 has one"):
-        estimate_area(V3.with_(streams=4))
+def test_several_streams_cost_what_every_array_has_of_its_own():
+    four, one = (estimate_area(config).groups for config in (V3_STREAMS, V3))
+    assert 1.02 * estimate_area(V3).mm2 < estimate_area(V3_STREAMS).mm2 < 1.15 * estimate_area(V3).mm2
+    for group in one:
+        changes = group in ("array", "blending")
+        assert (four[group].logic_um2 > one[group].logic_um2) == changes, group
+    setup = next(row["logic_um2_16nm"] for row in json.loads(estimate.REPORT.read_text())["builds"]["v3"]["units"]
+                 if row["unit"] == "render.array.setup")
+    assert four["array"].logic_um2 - one["array"].logic_um2 > 3 * setup
