@@ -70,7 +70,8 @@ def build(config: AcceleratorConfig, folder: Path) -> Path:
     check_tools()
     machine = export(config, folder / "verilog")
     simulator, stamp, log = folder / "model" / "simulation", folder / "built", folder / "build.log"
-    sources = [*(HERE / name for name in ("msv2_driver.h", "msv2_packed.h", "demo.h", *C_SOURCES, "simulation.cpp")), DOCS / "msv2_registers.h",
+    headers = ("msv2_driver.h", "msv2_packed.h", "demo.h")
+    sources = [*(HERE / name for name in (*headers, *C_SOURCES, "simulation.cpp")), DOCS / "msv2_registers.h",
                *sorted((folder / "verilog").rglob("*.v"))]
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
     if simulator.is_file() and stamp.is_file() and stamp.read_text() == digest:

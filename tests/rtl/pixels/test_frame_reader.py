@@ -13,6 +13,7 @@ from golden.host.packed_frame import by_block, in_frame, unpack_blocks
 from rtl.pixels.block_unpacker import BlockUnpacker
 from rtl.pixels.frame_reader import FrameReader
 from rtl.shapes import layout
+from rtl.units import emit
 from spec.config import TINY
 from spec.memory import BEAT_BYTES, read_data, read_request
 from spec.packed import BLOCK_HEIGHT, BLOCKS, SLOT_BEATS, PackedError, display_row, packed_beats, table_beat
@@ -167,6 +168,11 @@ def test_damage_is_told():
     errors = {block: rows[BLOCK_HEIGHT * n + BLOCK_HEIGHT - 1][1] for n, block in enumerate(order(width, height))}
     assert {block for block, error in errors.items() if error} == broken
     assert {errors[block] for block in broken} == {PackedError.MISSING}
+
+
+def test_verilog():
+    text = emit("frame_reader", TINY)
+    assert "module frame_reader(" in text and emit("frame_reader", TINY) == text
 
 
 def test_bad_parameters_are_rejected():
