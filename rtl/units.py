@@ -32,6 +32,7 @@ from rtl.float.roots import FloatRsqrt, FloatSqrt
 from rtl.pixels.block_packer import BlockPacker
 from rtl.pixels.block_unpacker import BlockUnpacker
 from rtl.pixels.frame_packer import FramePacker
+from rtl.pixels.frame_reader import FrameReader
 from rtl.sort_tmu.chunk_sorter import ChunkSorter
 from rtl.sort_tmu.handover import DoubleBuffer, LineBuffer, handover
 from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
@@ -187,6 +188,7 @@ UNITS: dict[str, Unit] = {
     "pixel_writer": Unit(PixelWriter, "finished rows of pixels to the frame in memory"),
     "block_packer": Unit(BlockPacker, "blocks of pixels into beats of a packed frame"),
     "frame_packer": Unit(FramePacker, "finished rows of pixels to a packed frame in memory"),
+    "frame_reader": Unit(FrameReader, "table and blocks of a packed frame from memory, for a display"),
     "block_unpacker": Unit(BlockUnpacker, "beats of a packed frame back to pixels, for a display"),
     "warp_divider": Unit(disparity_divider, "the divider that makes disparity from depth"),
     "warp_unit": Unit(lambda config: WarpUnit(config.with_(stereo=True)),
