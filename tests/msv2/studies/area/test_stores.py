@@ -86,8 +86,8 @@ def test_the_pixel_states_memories_are_the_rtls():
 def test_memories_of_several_streams_are_the_rtls(config):
     """Those of the batch buffer, and of four arrays."""
     assert of_table(config, "batch_buffer") == of_rtl(StreamBuffer(config))
-    lines = OUTPUT_DRAINS * config.array_y
-    for unit, component in (("pixel_state", PixelState(config)), ("array control and output", BatchCollect(config, lines=lines))):
+    collect = BatchCollect(config, lines=OUTPUT_DRAINS * config.array_y)
+    for unit, component in (("pixel_state", PixelState(config)), ("array control and output", collect)):
         wanted = {shape: config.streams * count for shape, count in of_rtl(component).items()}
         assert of_table(config, unit) == wanted, unit
 
