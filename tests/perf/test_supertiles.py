@@ -17,7 +17,7 @@ from perf.model import MemoryModel
 from perf.supertiles import SuperCycles, simulate_supertiles
 from perf.supertiles_plan import BEGINS, FILLS, lists_plan, steady_bounds, visit_plan
 from perf.supertiles_trace import SuperTrace, load_trace, save_trace, super_trace
-from spec.config import TINY_V3, V3, V3_RECORDS
+from spec.config import TINY_V3, V3, V3_RECORDS, V3_STREAMS
 from spec.memory import BEAT_BYTES, BEAT_ENTRIES, DIRECTORY_BEATS, WORDS, pages_beyond_first
 from spec.queues import LIST_POINTERS, LISTS_AHEAD
 from spec.supertiles import BUCKET_PAIRS, BUCKETS
@@ -25,6 +25,9 @@ from spec.supertiles import BUCKET_PAIRS, BUCKETS
 RTL = {"table": 171, "geometry": 9_977, "render": 34_732}
 """Cycles of the phases of SMALL through the RTL of `v3` (make frame CONFIG=v3), with the ideal memory; of `geometry` through
 that of `tiny_v3` with its culling units (SET="culling_units=8"), whose first phase has the same rates."""
+
+STREAMS_RTL = {"table": 171, "geometry": 9_975, "render": 24_211}
+"""Cycles of the phases of SMALL with the gaze in its middle through the RTL of `v3_streams`, with the ideal memory."""
 
 SMALL = ("embedded_trained", "--size", "128x128", "--levels", "4")
 
@@ -67,6 +70,21 @@ def test_cycles_are_the_rtls_within_a_percent():
     assert found.reads == {
         "geometry": 145_696, "tiles": 1024, "colour": 443_776, "entries": 55_648, "spill": 0, "chunks": 9760}
     assert found.writes == {"entries": 56_160, "spill": 0, "frame": 262_144}
+
+
+def test_cycles_of_four_streams_are_the_rtls_within_a_percent():
+    """A frame after a reset, with display pixels (make frame CONFIG=v3_streams)."""
+    asked = (*SMALL, "--gaze", "64,64")
+    trace = super_trace(frame_of(*asked, config=V3_STREAMS))
+    found = simulate_supertiles(
+        trace, V3_STREAMS, memory=MemoryModel("ideal"), display=True, bounds=no_bounds(trace.supertiles))
+    for name, wanted in STREAMS_RTL.items():
+        assert found.phases[name] == pytest.approx(wanted, rel=0.01), name
+    assert found.ops == pytest.approx(36_450, rel=0.01) and found.stages["pixel_write"].busy == 1024
+    one = simulate_supertiles(
+        super_trace(frame_of(*asked)), V3, memory=MemoryModel("ideal"), display=True, bounds=no_bounds(trace.supertiles))
+    assert found.phases["geometry"] == one.phases["geometry"] and found.phases["render"] < 0.9 * one.phases["render"]
+    assert found.pairs == one.pairs and found.writes == one.writes
 
 
 def test_the_trace_has_the_pairs_of_the_golden_frame(foveated, trace):

@@ -61,6 +61,8 @@ UNITS = (
      "1 SH-3 pair/2 cycles", "pair_colour"),
     ("batch buffer (with super-tiles)", "supertiles/batch_buffer", "batches", "sim TEST=batch",
      "1 place, 1 entry/cycle, together", "batch_buffer"),
+    ("batch buffer, arrays and rows of four streams (with `streams`)", "supertiles/stream_buffer, stream_arrays, row_join",
+     "batches, regions", "sim TEST=batch", "1 place, 1 entry/cycle for each stream, 1 row of 16 pixels/cycle", ""),
     ("pixel writer", "vrc_array/pixel_writer", "frame_memory", "sim TEST=vrc", "{pixel_writer} cycles, 1 beat/cycle",
      "pixel_writer"),
     ("frame packer (with `packed`)", "pixels/frame_packer, block_packer", "frame_packing", "sim TEST=frame_packer",

@@ -9,10 +9,12 @@ import pytest
 
 from msv2.studies.area.stores import Store, stores
 from rtl.supertiles.pair_expand import PairExpand
+from rtl.supertiles.stream_buffer import StreamBuffer
 from rtl.units import UNITS
+from rtl.vrc_array.batch_collect import BatchCollect
 from rtl.vrc_array.collect import Collect
 from rtl.vrc_array.pixel_state import PixelState
-from spec.config import DEFAULT, FAST, PAPER, PAPER_SMALL, TINY, TINY_V3, V3, AcceleratorConfig
+from spec.config import DEFAULT, FAST, PAPER, PAPER_SMALL, TINY, TINY_STREAMS, TINY_V3, V3, V3_STREAMS, AcceleratorConfig
 from spec.constants import FLIP_FLOP_BITS
 from spec.queues import OUTPUT_DRAINS
 from synth.design import elaborate
@@ -77,6 +79,17 @@ def test_memories_of_machines_with_super_tiles_are_the_rtls(unit, config):
 
 def test_the_pixel_states_memories_are_the_rtls():
     assert of_table(TINY_V3, "pixel_state") == of_rtl(PixelState(TINY_V3))
+
+
+@pytest.mark.parametrize("config", [TINY_STREAMS, pytest.param(V3_STREAMS, marks=pytest.mark.long)],
+                         ids=lambda config: config.name)
+def test_memories_of_several_streams_are_the_rtls(config):
+    """Those of the batch buffer, and of four arrays."""
+    assert of_table(config, "batch_buffer") == of_rtl(StreamBuffer(config))
+    collect = BatchCollect(config, lines=OUTPUT_DRAINS * config.array_y)
+    for unit, component in (("pixel_state", PixelState(config)), ("array control and output", collect)):
+        wanted = {shape: config.streams * count for shape, count in of_rtl(component).items()}
+        assert of_table(config, unit) == wanted, unit
 
 
 @pytest.mark.parametrize("config", [TINY_V3, V3], ids=lambda config: config.name)
