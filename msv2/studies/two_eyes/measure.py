@@ -16,10 +16,10 @@ from golden.msv2_ref.pipeline import render_frame
 from golden.msv2_ref.regions import region_masks
 from golden.msv2_ref.supertiles import find_pairs
 from golden.oracle.render import render as render_oracle
-from golden.scenes.request import Request, resolve
+from golden.scenes.request import ORBIT, Request, resolve
 from golden.scenes.stereo import StereoPair, stereo_pair
 from msv2.studies.memory import memory_arguments
-from msv2.studies.performance.frames import request
+from msv2.studies.performance.frames import SECOND_VIEW, request
 from msv2.studies.threshold.scales import table_scale
 from msv2.studies.v3.frames import CACHE, Subject, moved, total_bytes
 from perf.joint_trace import joint_trace
@@ -35,17 +35,21 @@ MACHINES = {V3.name: V3, ARRAYS: V3.with_(streams=4), f"{ARRAYS}, 1,024 places":
 """The machines by name: `v3`; with four arrays of a quarter of its cores each; and with twice the batch buffer beside, because
 places of two eyes fill it twice as fast. A frame of one eye is measured on the same machine."""
 
+CAMERAS = (ORBIT, SECOND_VIEW)
+"""The cameras from which pixels are measured. The orbit's first one looks along an axis of the captured scenes, so that the
+distance between its eyes does not enter z, and both eyes have equal keys; the other one looks askew."""
+
 ONE, TWO, SHARED = "one eye", "two eyes", "two eyes, shared colours"
 """Kinds of frames."""
 
 
-def eyes_of(subject: Subject) -> tuple[Request, StereoPair, dict[str, object]]:
+def eyes_of(subject: Subject, camera: str = ORBIT) -> tuple[Request, StereoPair, dict[str, object]]:
     """The request of a frame, its cameras, and the scale that they have.
 
     Raises:
         InputError: the scene is missing.
     """
-    asked, scale = resolve(request(subject.scene, subject.size)), table_scale(subject.scene, None)
+    asked, scale = resolve(request(subject.scene, subject.size, camera)), table_scale(subject.scene, None)
     return asked, stereo_pair(asked.camera, units_per_metre=scale["units_per_metre"]), scale
 
 
@@ -55,9 +59,9 @@ def _words(scene: str) -> GaussianWords:
 
 
 @lru_cache(maxsize=1)
-def rendered(subject: Subject) -> JointFrame:
+def rendered(subject: Subject, camera: str = ORBIT) -> JointFrame:
     """The joint frame of a subject."""
-    asked, pair, _ = eyes_of(subject)
+    asked, pair, _ = eyes_of(subject, camera)
     return render_joint(_words(subject.scene), pair, config=V3, foveation=asked.foveation, background=asked.background)
 
 
@@ -130,11 +134,11 @@ def shift_row(subject: Subject) -> dict[str, object]:
             "unshifted": pairs[0], "best": min(pairs.values()), "best_shift": min(pairs, key=pairs.get)}
 
 
-def quality_row(subject: Subject) -> dict[str, object]:
+def quality_row(subject: Subject, camera: str) -> dict[str, object]:
     """The target's pixels of a joint frame beside those of the target alone and of the oracle's target, whose order is its own:
     PSNR in dB, infinite where nothing differs; and whether the source's pixels are those of the source alone."""
-    asked, pair, scale = eyes_of(subject)
-    frame = rendered(subject)
+    asked, pair, scale = eyes_of(subject, camera)
+    frame = rendered(subject, camera)
     words = frame.source.words
     alone = [render_frame(V3, words, eye) for eye in frame.registers.eyes]
     shared = render_joint_frame(V3, words, replace(frame.registers, shared_colour=True)) if words.sh_degree else frame
@@ -145,7 +149,7 @@ def quality_row(subject: Subject) -> dict[str, object]:
     keys = np.abs(own.projected.depth_key[both].astype(np.int64) - frame.source.projected.depth_key[both])
     changed = (got.untiled(got.pixels.colour) != own.untiled(own.pixels.colour)).any(axis=2)
     return {
-        "frame": subject.name, "scene": subject.scene, "size": subject.size, **scale,
+        "frame": subject.name, "scene": subject.scene, "size": subject.size, "camera": camera, **scale,
         "disparity_px": float(np.median(pair.disparity(frame.source.depth[np.isfinite(frame.source.depth)]))),
         "source_equal": all(np.array_equal(a, b) for a, b in zip(frame.source.pixels, alone[SOURCE].pixels, strict=True)),
         "keys_differ": float((keys > 0).mean()), "largest_key_difference": int(keys.max(initial=0)),

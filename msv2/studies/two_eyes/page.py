@@ -87,7 +87,8 @@ def page(content: Mapping[str, Any]) -> str:
         "The target of the joint frame, in the source's order, beside the target alone, in its own order, and beside the "
         "float64 oracle's target, whose order is its own: PSNR in dB. The source's pixels are compared with those of the "
         "source alone. *Keys* is the share of splats, in view of both eyes, whose two depth keys differ, and by how much at "
-        "most; *pixels* that of the target's pixels that differ.", _quality(content["quality"])]
+        "most; *pixels* that of the target's pixels that differ. The orbit's first camera looks along an axis of the captured "
+        "scenes, so that the distance between its eyes does not enter z; camera 3 looks askew.", _quality(content["quality"])]
     return "\n\n".join(part for part in parts if part)
 
 
@@ -127,9 +128,9 @@ def _shifts(rows: Sequence[Row]) -> str:
 
 def _quality(rows: Sequence[Row]) -> str:
     return table(
-        ("frame", "units per metre", "median disparity, px", "source", "keys", "pixels", "joint to alone", "alone to oracle",
-         "joint to oracle", "shared colours to own", "shared colours to oracle"),
-        [(row["frame"], f"{row['units_per_metre']:g} ({row['scale']})", f"{row['disparity_px']:.1f}",
+        ("frame", "camera", "units per metre", "median disparity, px", "source", "keys", "pixels", "joint to alone",
+         "alone to oracle", "joint to oracle", "shared colours to own", "shared colours to oracle"),
+        [(row["frame"], row["camera"], f"{row['units_per_metre']:g} ({row['scale']})", f"{row['disparity_px']:.1f}",
           "equal" if row["source_equal"] else "DIFFERS",
           f"{row['keys_differ']:.2%}, by {row['largest_key_difference']}", f"{row['pixels_differ']:.3%}",
           *(_db(row[name]) for name in ("joint_vs_alone_db", "alone_vs_oracle_db", "joint_vs_oracle_db", "shared_vs_own_db",

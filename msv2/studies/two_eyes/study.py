@@ -60,7 +60,7 @@ def measured(args: argparse.Namespace) -> dict[str, Any]:
                     rows += measure.cycle_rows(subject, machine, memory)
             shifts.append(measure.shift_row(subject))
             if subject.size == todo[0].size:
-                quality.append(measure.quality_row(subject))
+                quality += [measure.quality_row(subject, camera) for camera in measure.CAMERAS]
     return {"missing": missing, "goals": {"second_eye_share": SHARE_GOAL, "two_eyes_gain": GAIN_GOAL},
             "summary": summary(rows, _paper()), "shifts": shifts, "quality": quality, "frames": rows}
 

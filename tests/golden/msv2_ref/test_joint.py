@@ -373,3 +373,16 @@ def test_registers_are_the_hosts():
     for name, value in vars(same).items():
         assert np.array_equal(value, getattr(registers.source, name)), name
     assert render_joint_frame(SMALL, words, registers).grids[0].supertile[0] == 0
+
+
+def test_frames_in_which_nothing_is_seen():
+    """All splats behind both eyes; and one level, without depths."""
+    camera = view(64, 48)
+    model = random_model(np.random.default_rng(0), 50, levels=1, sh=0)
+    behind = replace(model, means=model.means + 100 * (camera.position - model.means.mean(axis=0)))
+    frame = render_joint(behind, stereo_pair(camera), config=SMALL.with_(depth=False, levels=1), background=(0.5, 0.0, 0.0))
+    batches = JointBatches(frame)
+    assert frame.counts["pairs"] == frame.counts["survivors"] == frame.counts["entries"] == 0
+    assert batches.events["batches"] == len(frame.pairs.start) - 1 and batches.statistics["visits"] == 2 * 12
+    for eye in frame.eyes:
+        assert (eye.pixels.colour == eye.pixels.colour[0, 0, 0]).all() and eye.pixels.colour[0, 0, 0, 0] > 0
