@@ -33,7 +33,7 @@ from spec.joint import grid_origins, joint_columns
 from spec.queues import LEVEL_GROUP
 from spec.sources import fingerprint, sources_of
 
-VERSION = 3
+VERSION = 5
 """Version of the trace files; files of other versions are made again."""
 
 

@@ -8,7 +8,6 @@ from amaranth.lib import wiring
 from rtl.pixels.frame_packer import FramePacker
 from rtl.vrc_array.pixel_writer import PixelWriter, frame_writer_ports
 from spec.config import AcceleratorConfig
-from spec.errors import InputError
 
 _SETTINGS = ("width", "height", "display", "frame_base", "packed")
 
@@ -17,13 +16,13 @@ def check_packed(config: AcceleratorConfig) -> None:
     """Raises where a machine cannot pack frames.
 
     Raises:
-        ValueError: the machine has no frame packer.
-        InputError: it has several streams, whose rows come by quarters of tiles.
+        ValueError: the machine has no frame packer, or it has several streams: the packer takes the rows that they give
+            together (`spec.supertiles.frame_rows`).
     """
     if not config.packed:
         raise ValueError(f"packed must be True in a machine with a frame packer, not {config.packed!r}")
     if config.streams > 1:
-        raise InputError(f"packed frames are not accepted with streams {config.streams}: blocks are packed with 1 stream")
+        raise ValueError(f"streams must be 1 for rows of a frame, not {config.streams!r}: spec.supertiles.frame_rows")
 
 
 class FrameWriter(wiring.Component):

@@ -54,7 +54,8 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny_records_stereo": TINY_RECORDS.with_(name="tiny_records_stereo", stereo=True), "v3_records": V3_RECORDS,
     "tiny_v3": TINY_V3, "v3": V3, "tiny_streams": TINY_STREAMS, "v3_streams": V3_STREAMS,
     "tiny_v3_baseline": TINY_V3.with_(name="tiny_v3_baseline", incremental=False, buckets=False),
-    "tiny_v3_packed": TINY_V3.with_(name="tiny_v3_packed", packed=True), "v3_packed": V3_PACKED}
+    "tiny_v3_packed": TINY_V3.with_(name="tiny_v3_packed", packed=True), "v3_packed": V3_PACKED,
+    "tiny_streams_packed": TINY_STREAMS.with_(name="tiny_streams_packed", packed=True)}
 """Configurations that can be tested."""
 
 DISTINCT = ("tiny", "tiny_baseline", "tiny_stereo", "tiny_stereo_baseline", "tiny_short", "tiny_records", "tiny_chunks",

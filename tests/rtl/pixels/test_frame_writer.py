@@ -5,7 +5,6 @@ import pytest
 
 from rtl.pixels.frame_writer import FrameWriter
 from spec.config import PAPER, TINY_V3
-from spec.errors import InputError
 from spec.memory import write_request
 from spec.records import pixel_row
 from tb.pixels.packer_stimuli import graded_pixels, packed_pixels, packed_writes
@@ -40,5 +39,5 @@ def test_machines_that_cannot_pack_are_refused():
         FrameWriter("tiny")
     with pytest.raises(ValueError, match="packed must be True in a machine with a frame packer, not False"):
         FrameWriter(PAPER)
-    with pytest.raises(InputError, match="packed frames are not accepted with streams 4: blocks are packed with 1 stream"):
+    with pytest.raises(ValueError, match="streams must be 1 for rows of a frame, not 4"):
         FrameWriter(CONFIG.with_(streams=4))
