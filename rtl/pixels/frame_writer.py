@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Mux
+from amaranth.hdl import Module, Mux, Value
 from amaranth.lib import wiring
 
 from rtl.pixels.frame_packer import FramePacker
@@ -47,15 +47,15 @@ class FrameWriter(wiring.Component):
     def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.plain, m.submodules.packer = self._plain, self._packer
-        units = (self._plain, self._packer)
-        for unit, mine in zip(units, (~self.packed, self.packed), strict=True):
+        plain, packer = self._plain, self._packer
+        units: tuple[tuple[PixelWriter | FramePacker, Value], ...] = ((plain, ~self.packed), (packer, self.packed))
+        for unit, mine in units:
             for name in unit.signature.members:
                 if name in (*_SETTINGS, "tile_count", "begin", "writes_idle"):
                     m.d.comb += getattr(unit, name).eq(getattr(self, name))
             m.d.comb += [
                 unit.rows.payload.eq(self.rows.payload), unit.rows.valid.eq(self.rows.valid & mine),
                 unit.writes.ready.eq(self.writes.ready)]
-        plain, packer = units
         m.d.comb += [
             self.rows.ready.eq(Mux(self.packed, packer.rows.ready, plain.rows.ready)),
             self.writes.payload.eq(Mux(self.packed, packer.writes.payload, plain.writes.payload)),

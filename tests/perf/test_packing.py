@@ -5,6 +5,7 @@ import pytest
 
 from golden.msv2_ref import pipeline
 from golden.msv2_ref.batches import FrameBatches
+from golden.msv2_ref.buckets import no_bounds
 from golden.msv2_ref.frame_memory import display_pixels
 from golden.msv2_ref.frame_packing import display_bytes, pack_frame, table_writes
 from golden.scenes.request import parse_request, resolve
@@ -16,6 +17,9 @@ from perf.trace import trace_of
 from spec.config import PAPER, TINY_V3, V3, V3_PACKED, AcceleratorConfig
 from spec.memory import BEAT_BYTES
 from spec.packed import SLOT_BEATS
+
+RTL = {"table": 171, "geometry": 9_975, "render": 26_130}
+"""Cycles of the phases of a frame through the RTL of `v3_packed`, with the ideal memory."""
 
 UNLIMITED = MemoryModel("ideal", bytes_per_cycle=None)
 
@@ -34,6 +38,18 @@ def trace(frame) -> SuperTrace:
 
 def packed(trace: SuperTrace, config: AcceleratorConfig = V3_PACKED, **options: object) -> SuperCycles:
     return simulate_supertiles(trace, config, memory=MemoryModel("ideal"), packed=True, **options)
+
+
+def test_cycles_are_the_rtls_within_a_percent():
+    """A frame after a reset, which has no bounds: make frame CONFIG=v3_packed PIXELS=packed SIZE=128x128 LEVELS=4."""
+    asked = resolve(parse_request("embedded_trained", "--size", "128x128", "--levels", "4"))
+    trace = super_trace(pipeline.render(
+        asked.model, asked.camera, config=V3_PACKED, foveation=asked.foveation, background=asked.background))
+    found = packed(trace, bounds=no_bounds(trace.supertiles))
+    for name, wanted in RTL.items():
+        assert found.phases[name] == pytest.approx(wanted, rel=0.01), name
+    assert found.writes == {"entries": 56_160, "spill": 0, "frame": 41_312}
+    assert found.stages["pixel_write"].busy == 1024
 
 
 def test_every_beat_is_written_once(frame, trace):
