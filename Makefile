@@ -51,7 +51,7 @@ render: base ## golden renderer; SCENE= SIZE=WxH CAMERA=auto|orbit|INDEX|NAME|FI
 look: base ## contact sheet of a scene: eight cameras with the numbers to copy; SCENE= SIZE=WxH UP=auto|+x|-x|+y|-y|+z|-z LOOK_AT=X,Y,Z FOV=DEG OUT=
 	@$(MSV2) look $(if $(SCENE),"$(SCENE)") $(call option,SIZE,size) $(standpoint) $(call option,OUT,out)
 
-frame: base ## a frame through the RTL, compared bit for bit; what render takes but COMPARE and DUMP, and PIXELS=wide|display MERGE=0|1 PIPELINE=0|1 BETA= MEMORY=ideal|lpddr3 BANDWIDTH= LATENCY= MACHINE=scene|full PART=machine|array FRAMES=N TURN=DEG STEREO=1 ECC=DEG GAZE_RIGHT=X,Y IPD=M UNITS_PER_METRE= SOURCE=left|right WAVES=1 WAVE_CYCLES=A:B
+frame: base ## a frame through the RTL, compared bit for bit; what render takes but COMPARE and DUMP, and PIXELS=wide|display|packed MERGE=0|1 PIPELINE=0|1 BETA= MEMORY=ideal|lpddr3 BANDWIDTH= LATENCY= MACHINE=scene|full PART=machine|array FRAMES=N TURN=DEG STEREO=1 ECC=DEG GAZE_RIGHT=X,Y IPD=M UNITS_PER_METRE= SOURCE=left|right WAVES=1 WAVE_CYCLES=A:B
 	@$(MSV2) frame $(request) $(effects) $(eyes) $(config) $(call option,PART,part) $(call option,PIXELS,pixels) $(call option,MERGE,merge) \
 		$(call option,PIPELINE,pipeline) $(call option,MACHINE,machine) $(call option,FRAMES,frames) $(call option,TURN,turn) $(call option,BETA,beta) $(call option,BANDWIDTH,bandwidth) \
 		$(call option,MEMORY,memory) $(call option,LATENCY,latency) $(call switch,WAVES,waves) $(call option,WAVE_CYCLES,wave-cycles)

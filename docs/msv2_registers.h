@@ -54,6 +54,8 @@
 #define MSV2_MACHINE_ARRAY_COMPACT_MASK 0x10000000u
 #define MSV2_MACHINE_ARRAY_SUPERTILES_SHIFT 29
 #define MSV2_MACHINE_ARRAY_SUPERTILES_MASK 0x20000000u
+#define MSV2_MACHINE_ARRAY_PACKED_SHIFT 30
+#define MSV2_MACHINE_ARRAY_PACKED_MASK 0x40000000u
 #define MSV2_MACHINE_ARRAY_STREAMS_SHIFT 31
 #define MSV2_MACHINE_ARRAY_STREAMS_MASK 0x80000000u
 
@@ -369,6 +371,10 @@
 /* beat address (only with super-tiles) (read, write): 27-bit unsigned */
 #define MSV2_SUPERTILES_BASE 0x1FCu
 
+/* 1: the frame of DisplayPixels is packed (`spec.packed`) (only with packed frames) (read, write):
+   1-bit unsigned */
+#define MSV2_PACKED 0x200u
+
 /* Counters */
 
 /* cycles in which the machine was busy, lower half (read) */
@@ -542,7 +548,8 @@
 /* Gaussians culled because they are too faint to be seen at any level (read) */
 #define MSV2_CULLED_FAINT 0x4E0u
 
-/* Gaussians culled because their projection is degenerate or touches no tile of the frame (read) */
+/* Gaussians culled because they touch no tile of the frame, or their mean is out of `mean2d`'s
+   range (read) */
 #define MSV2_CULLED_OUTSIDE 0x4E4u
 
 /* Gaussians with at least one intersection (read) */
@@ -640,7 +647,8 @@
 /* visits of tiles in the array (only with super-tiles) (read) */
 #define MSV2_VISITS 0x560u
 
-/* splats whose projected mean has a coordinate at its least or largest value (read) */
+/* Gaussians culled as outside only because their projected mean has a coordinate at its least or
+   largest value (read) */
 #define MSV2_SATURATED_MEANS 0x600u
 
 /* splats with the largest depth (read) */

@@ -10,9 +10,10 @@ import numpy as np
 
 from golden.kernels import compile_note, compile_seconds
 from golden.metrics.image import max_abs_error, psnr_vs
+from golden.msv2_ref import eyes as warped
+from golden.msv2_ref import joint_request as joint
 from golden.msv2_ref import pipeline, projection
 from golden.msv2_ref.batches import FrameBatches
-from golden.msv2_ref.eyes import render_request, save_pictures, stereo_statistics
 from golden.msv2_ref.plan import Work, work_for
 from golden.oracle.render import render as render_oracle
 from golden.scenes.files import atomic_output
@@ -109,32 +110,56 @@ def main(argv: Sequence[str] | None = None) -> None:
     for name, value, accepted in (("compare", args.compare, ("oracle",)), ("stage", args.dump, pipeline.STAGES)):
         if value is not None:
             choice(name, value, accepted)
-    take_stereo_arguments(args)
+    both = args.stereo and config.supertiles
+    take_stereo_arguments(args, joint=both)
     request = resolve(args)
-    work = work_for(args, request, config)
+    work = work_for(joint.arguments_of_an_eye(args) if both else args, request, config)
     with output_folder(args.out, BUILD / "render" / request.model.name) as out:
-        _draw(args, request, config, work, out)
+        (_draw_joint if both else _draw)(args, request, config, work, out)
+
+
+def _draw_joint(args: argparse.Namespace, request: Request, config: AcceleratorConfig, work: Work, out: Path) -> None:
+    """As `_draw`, for two eyes of a machine with super-tiles. The numbers beside "stereo" are those of the source."""
+    both = joint.render_request(args, request, work.config, work.words, work.foveation)
+    frame = both.source
+    frame.seconds["quantise"] = work.prepare_s
+    stats = {**frame_statistics(frame, request), "configuration": config_record(config), "effects": work.plan.record,
+             "stereo": joint.joint_statistics(args, request, both)}
+    if args.compare:
+        stats.update(compare_with_oracle(frame, request))
+    joint.save_pictures(out, both)
+    _finish(args, request, frame, stats, out)
+    print(f"both eyes from {stats['stereo']['pairs']:,} pairs; the RTL has no frames of two eyes on such machines yet")
 
 
 def _draw(args: argparse.Namespace, request: Request, config: AcceleratorConfig, work: Work, out: Path) -> None:
     """Renders the frame, writes pictures and numbers into the folder `out`, and prints the most important numbers."""
-    eyes = render_request(args, request, work.config, words=work.words, foveation=work.foveation) if args.stereo else None
+    eyes = None
+    if args.stereo:
+        eyes = warped.render_request(args, request, work.config, words=work.words, foveation=work.foveation)
     frame = eyes.source if eyes else work.render()
     if work.second_eye_forced:
         work.add_eye(frame)
     frame.seconds["quantise"] = work.prepare_s
     stats = {**frame_statistics(frame, request), "configuration": config_record(config), "effects": work.plan.record}
     if eyes:
-        stats["stereo"] = stereo_statistics(args, request, eyes)
+        stats["stereo"] = warped.stereo_statistics(args, request, eyes)
     if args.compare:
         stats.update(compare_with_oracle(frame, request))
 
     if eyes:
-        save_pictures(out, eyes)
+        warped.save_pictures(out, eyes)
     else:
         save_png(out / "frame.png", frame.image)
         if args.depth:
             save_png(out / "depth.png", depth_picture(frame.depth))
+    _finish(args, request, frame, stats, out)
+    if eyes:
+        print(", ".join(f"{name} {share:.1%}" for name, share in eyes.shares.items()))
+
+
+def _finish(args: argparse.Namespace, request: Request, frame: pipeline.Frame, stats: dict[str, object], out: Path) -> None:
+    """Writes what frames of one and of two eyes have in common, and prints the most important numbers."""
     save_png(out / "levels.png", levels_picture(frame.image, request.foveation))
     if args.dump:
         with atomic_output(out / f"{args.dump}.npz") as file:
@@ -143,8 +168,6 @@ def _draw(args: argparse.Namespace, request: Request, config: AcceleratorConfig,
     shown = ("splats", "visible", "entries", "coverage", "psnr_vs_oracle_db", "psnr_vs_exact_levels_db", "max_abs_error")
     numbers = (f"{key} {stats[key]:{'.4g' if isinstance(stats[key], float) else ','}}" for key in shown if key in stats)
     print(f"{short_path(out)}: {', '.join(numbers)}{compile_note()}")
-    if eyes:
-        print(", ".join(f"{name} {share:.1%}" for name, share in eyes.shares.items()))
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ from perf.model import FrameCycles, MemoryModel
 from perf.perfetto import trace_events
 from spec.command_line import add_out_argument, command_parser
 from spec.config import AcceleratorConfig
-from spec.effects import EffectPlan, with_two_eyes
+from spec.effects import EffectPlan, with_packed_frames, with_two_eyes
 from spec.errors import InputError, run_command_line
 from spec.lpddr3 import CLOCKS_NS
 from spec.overrides import add_config_arguments, config_from, config_record
@@ -84,7 +84,7 @@ def _rendered(args: argparse.Namespace, work: Work, options: RunOptions) -> Fram
     if args.stereo:
         return render_request(args, work.request, work.config, words=work.words, foveation=work.foveation)
     frame = work.render()
-    return work.add_eye(frame) if work.second_eye_forced and options.display else frame
+    return work.add_eye(frame) if work.second_eye_forced and options.display and not options.packed else frame
 
 
 @dataclass(frozen=True)
@@ -114,6 +114,8 @@ def asked_of(args: argparse.Namespace) -> Asked:
         raise InputError("pixels 'wide' is not accepted with --stereo: 'display' is")
     if args.stereo:
         with_two_eyes(config)  # raises where the machine has one eye
+    if options.packed:
+        with_packed_frames(config)  # raises where the machine packs no frames
     if options.incremental is not None:
         config = config.with_(incremental=options.incremental)
     low, high = (1e3 / clock for clock in reversed(CLOCKS_NS))
@@ -138,7 +140,8 @@ def traced(
 def simulated(trace: Trace, machine: AcceleratorConfig, asked: Asked) -> FrameCycles:
     """The cycles of the frame."""
     options = asked.options
-    return simulate(trace, machine, memory=asked.memory, merge=options.merge, beta=options.beta, display=options.display)
+    return simulate(trace, machine, memory=asked.memory, merge=options.merge, beta=options.beta, display=options.display,
+                    packed=options.packed)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -37,7 +37,7 @@ _DECODED = constants.DECODE_STAGES - 1
 
 
 def prepare(
-    s: np.record, count: np.ndarray, read: np.ndarray, config: AcceleratorConfig, paths: constants.Culling,
+    s: np.record, count: np.ndarray, read: np.ndarray, config: AcceleratorConfig, paths: constants.Culling, eyes: int = 1,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Initialises the units.
 
@@ -45,12 +45,13 @@ def prepare(
         s: the state of the geometry phase.
         count: (chunks,) the numbers of Gaussians. read: (chunks,) bool, whether a chunk passes the test.
         config: the machine. paths: its datapaths.
+        eyes: how often every chunk is tested: twice in joint frames of two eyes.
 
     Returns:
         `chunk_at`, `chunk_read`, `chunk_first` and `chunk_points` of `step_chunks`.
     """
     s.chunked, s.chunks, s.halves = config.chunks, len(read), 2 if config.compact else 1
-    set_path(s, CHUNK_TEST, paths.chunk_test.length, paths.chunk_test.interval, paths.chunk_test.rows)
+    set_path(s, CHUNK_TEST, paths.chunk_test.length, paths.chunk_test.interval * eyes, paths.chunk_test.rows)
     order = chunk_order(len(read)) if config.supertiles else np.arange(len(read))
     turn, passes = np.append(order, len(read)), np.append(read[order], True)  # the end is the last item
     points = np.append(count, 0).astype(np.int64)

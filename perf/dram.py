@@ -20,14 +20,16 @@ from __future__ import annotations
 import numpy as np
 
 from perf import bus
-from perf.bus import QUEUE, READERS
+from perf.bus import QUEUE, READERS, WRITERS
 from perf.kernel import phase, step
 from perf.layout import Layout
 from spec.lpddr3 import BANKS, CHANNELS, PARAMETERS, Lpddr3, picoseconds
 
 layout = Layout(bus.layout)
 layout.words(" ".join(f"dram_{name}" for name in PARAMETERS))
-layout.words("dram_cycle dram_looks dram_window dram_high dram_low dram_turn dram_activates_given dram_refreshes")
+layout.words("""
+    dram_cycle dram_looks dram_window dram_high dram_low dram_turn dram_write_turn dram_unanswered dram_activates_given
+    dram_refreshes""")
 for _name in ("wake", "drains", "read_ok", "write_ok", "next_refresh", "activated"):
     layout.ring(f"dram_{_name}", CHANNELS)
 layout.ring("dram_activates", CHANNELS, 4)
@@ -36,11 +38,11 @@ for _name in ("open", "cas_ok", "precharge_ok", "activate_ok"):
 _HELD = 512  # requests of a channel and kind, as many as memory can hold
 layout.ring("dram_waiting", 2 * CHANNELS)
 layout.ring("dram_requests", 2 * CHANNELS, _HELD)  # row, bank, client and number in one word, the oldest first
-layout.ring("dram_numbers", 8)
+layout.ring("dram_numbers", 2, 8)  # by kind and client, like the times of answers
 layout.ring("dram_answer", 8, 512)
+layout.ring("dram_write_answer", 8, 512)
 _AHEAD = 4096  # cycles from a write command until its data are in memory, at most
-layout.ring("dram_written", _AHEAD)  # by cycle, the number of writes of each client that reach memory then, in any order
-_COUNT_BITS = 10  # of each of those numbers
+layout.ring("dram_written", _AHEAD)  # by cycle, the number of writes that reach memory then
 
 _NEVER = 1 << 60
 
@@ -65,10 +67,24 @@ def prepare(s: np.record, device: Lpddr3, clock_ns: float = 1.0) -> None:
         raise ValueError(f"clock_ns must be above {longest / 1000 / (_AHEAD - 1):g} with this device, not {clock_ns!r}")
     s.dram_window, s.dram_high, s.dram_low = device.window, device.high, device.low
     s.dram_open[:] = -1
-    s.dram_wake[:] = s.dram_answer[:] = _NEVER
+    s.dram_answer[:] = s.dram_write_answer[:] = _NEVER
     s.dram_activates[:] = -_NEVER
     for channel in range(CHANNELS):
         s.dram_next_refresh[channel] = s.dram_refi * (channel + 1) // CHANNELS  # the channels refresh one after the other
+    s.dram_wake[:] = s.dram_next_refresh
+
+
+_TIMES = ("wake", "read_ok", "write_ok", "next_refresh", "activates", "cas_ok", "precharge_ok", "activate_ok")
+_KEPT = ("dram_open", "dram_drains", "dram_activated", "dram_turn", "dram_write_turn", "last_read", "last_write")
+
+
+def go_on(s: np.record, before: np.record, cycles: int) -> None:
+    """Takes over channels, and whose turn it is, as they are `cycles` cycles after the beginning of an earlier state, in which
+    everything has been answered by then."""
+    for name in _TIMES:
+        s[f"dram_{name}"] = before[f"dram_{name}"] - before.dram_cycle * cycles
+    for name in _KEPT:
+        s[name] = before[name]
 
 
 @step
@@ -102,7 +118,9 @@ def _transfer(s, now, channel, queue, place, kind):
         s.dram_write_ok[channel] = now + s.dram_burst
         s.dram_read_ok[channel] = max(s.dram_read_ok[channel], ends + s.dram_wtr)
         s.dram_precharge_ok[bank] = max(s.dram_precharge_ok[bank], ends + s.dram_wr)
-        s.dram_written[(ends + s.dram_controller) // s.dram_cycle & _AHEAD - 1] += 1 << _COUNT_BITS * (request >> 9 & 15)
+        done = (ends + s.dram_controller) // s.dram_cycle
+        s.dram_written[done & _AHEAD - 1] += 1
+        s.dram_write_answer[request >> 9 & 15, request & 511] = done
     else:
         ends = now + s.dram_read_latency + s.dram_dqsck + s.dram_burst
         s.dram_read_ok[channel] = now + s.dram_burst
@@ -179,7 +197,7 @@ def _command(s, now, channel):
     kind = s.dram_drains[channel]
     queue = 2 * channel + kind
     if s.dram_waiting[queue] == 0:
-        return _NEVER
+        return s.dram_next_refresh[channel]
     place, at = _choose(s, now, channel, queue, kind)
     if at > now:
         return min(at, s.dram_next_refresh[channel])
@@ -214,14 +232,19 @@ def _answers(s, t):
     done = s.dram_written[t & _AHEAD - 1]
     if done:
         s.dram_written[t & _AHEAD - 1] = 0
-        client = 0
-        while done:
-            count = done & (1 << _COUNT_BITS) - 1
-            for _ in range(count):
-                bus.written(s, client, t - 1)
-            s.write_out += count
-            done >>= _COUNT_BITS
-            client += 1
+        s.dram_unanswered += done
+        s.write_out += done
+    if s.dram_unanswered:
+        client = s.dram_write_turn
+        for _ in range(WRITERS):
+            client = 0 if client + 1 == WRITERS else client + 1
+            place = s.written[client] & 511
+            if s.dram_write_answer[client, place] <= t:
+                s.dram_write_answer[client, place] = _NEVER
+                s.dram_unanswered -= 1
+                bus.written(s, client, t)
+                s.dram_write_turn = client
+                break
 
 
 @step
@@ -242,12 +265,14 @@ def end_cycle(s, t):
     at, came = s.read_in, s.read_push - s.read_new
     if at != came:
         client = s.read_id[at & 511]
-        _arrive(s, now, 0, s.read_address[at & 511], client, s.dram_numbers[client])
-        s.dram_numbers[client] += 1
+        _arrive(s, now, 0, s.read_address[at & 511], client, s.dram_numbers[0, client])
+        s.dram_numbers[0, client] += 1
         s.read_in = at + 1
     at, came = s.write_in, s.write_push - s.write_new
     if at != came and s.write_ready:
-        _arrive(s, now, 1, s.write_address[at & 511], s.write_id[at & 511], 0)
+        client = s.write_id[at & 511]
+        _arrive(s, now, 1, s.write_address[at & 511], client, s.dram_numbers[1, client])
+        s.dram_numbers[1, client] += 1
         s.write_in = at + 1
     _look(s, now)
     _answers(s, t)

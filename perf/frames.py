@@ -36,7 +36,7 @@ def trace_request(
 
 def simulate(
     traced: Trace, config: AcceleratorConfig, *, memory: MemoryModel | None = None, merge: bool = True,
-    beta: int | None = None, display: bool | None = None,
+    beta: int | None = None, display: bool | None = None, packed: bool = False,
 ) -> FrameCycles:
     """Simulates a frame; with super-tiles, one that follows the same frame, whose bounds of depth buckets it has.
 
@@ -45,11 +45,14 @@ def simulate(
         config: the machine's configuration.
         memory, merge, beta: see `perf.model.simulate`.
         display: whether a pixel takes 4 bytes in memory instead of 16; None for frames of two eyes only.
+        packed: whether the frame is packed instead; only on machines that pack frames.
 
     Raises:
-        ValueError: the machine is not of the trace's kind, or see `perf.model.simulate`.
+        ValueError: the machine is not of the trace's kind or packs no frames, or see `perf.model.simulate`.
     """
     if isinstance(traced, SuperTrace):
         return supertiles.simulate_supertiles(
-            traced, config, memory=memory, merge=merge, beta=beta, display=bool(display))
+            traced, config, memory=memory, merge=merge, beta=beta, display=bool(display), packed=packed)
+    if packed:
+        raise ValueError(f"config must be a machine that packs frames, not {config.name!r}")
     return model.simulate(traced, config, memory=memory, merge=merge, beta=beta, display=display)

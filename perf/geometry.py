@@ -256,3 +256,10 @@ def table_phase(s, tiles, base, limit):
         if taken == tiles:
             return t + 2  # `done` rises one cycle later and is seen in the cycle after that
     return -1
+
+
+@phase
+def idle_phase(s, cycles):
+    """Simulates cycles in which nothing is asked of the memory."""
+    for t in range(cycles):
+        memory.end_cycle(s, t)

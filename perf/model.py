@@ -10,7 +10,7 @@ import numpy as np
 from golden.host.run_options import LPDDR3
 from golden.kernels import work_clock
 from perf import bus, chunk_units, chunks, constants, datapath, geometry, render, warp
-from perf.phases import LIMIT, MemoryModel, counts_of, dram_commands, finished, prepare_memory, table_cycles
+from perf.phases import LIMIT, LastingMemory, MemoryModel, counts_of, dram_commands, finished, table_cycles
 from perf.plan import (
     Lists,
     MemoryMap,
@@ -121,7 +121,7 @@ class _Pass:
 
 
 def simulate(
-    trace: FrameTrace, config: AcceleratorConfig, *, memory: MemoryModel | None = None, merge: bool = True,
+    trace: FrameTrace, config: AcceleratorConfig, *, memory: MemoryModel | LastingMemory | None = None, merge: bool = True,
     pipeline: bool | None = None, beta: int | None = None, display: bool | None = None,
 ) -> FrameCycles:
     """Simulates a frame.
@@ -129,7 +129,8 @@ def simulate(
     Args:
         trace: the trace of the golden frame.
         config: the machine's configuration.
-        memory: the memory; None for four channels of LPDDR3-1600, the paper's.
+        memory: the memory; None for four channels of LPDDR3-1600, the paper's. A `LastingMemory` goes on as the frame before
+            left it; any other was reset when the frame starts.
         merge: whether tiles are merged.
         pipeline: whether stages hand over incrementally; None for the configuration's value.
         beta: the merge threshold in intersections; None for the automatic one. It has no effect without `merge`.
@@ -142,7 +143,8 @@ def simulate(
     """
     if config.supertiles:
         raise ValueError(f"config must be a machine with lists by tile, like the trace, not {config.name!r}")
-    memory = memory or MemoryModel(LPDDR3)
+    if not isinstance(memory, LastingMemory):
+        memory = LastingMemory(memory or MemoryModel(LPDDR3))
     if pipeline is not None:
         config = config.with_(incremental=pipeline)
     two = len(trace.eyes) > 1
@@ -170,10 +172,11 @@ _lists = lru_cache(maxsize=4)(eye_lists)  # because a trace is often simulated o
 
 
 def _eye(
-    trace: FrameTrace, eye: EyeTrace, number: int, config: AcceleratorConfig, memory: MemoryModel, beta: int | None,
+    trace: FrameTrace, eye: EyeTrace, number: int, config: AcceleratorConfig, memory: LastingMemory, beta: int | None,
     display: bool, written: Lists, plan: RenderPlan, where: MemoryMap,
 ) -> _Pass:
     """Simulates an eye's pass, phase after phase."""
+    memory.wait(trace.tiles_y + 1)
     table = table_cycles(memory, len(eye.counts), where.target_tiles if number else where.tiles)
     shapes, counted = _geometry(trace, eye, config, memory, written, where)
     latency = _TMU_LATENCY + (COUNT_BITS + frame_lists(config).bit_length() + 1 if beta is None else 0)
@@ -191,11 +194,10 @@ def _eye(
 
 
 def _geometry(
-    trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, memory: MemoryModel, written: Lists, where: MemoryMap,
+    trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, memory: LastingMemory, written: Lists, where: MemoryMap,
 ) -> tuple[_Pass, int]:
     """Simulates the geometry phase. Returns it with the cycle in which its last intersection was in memory."""
-    s = geometry.layout.new()
-    prepare_memory(s, memory)
+    s = memory.begin(geometry.layout)
     paths, beats = constants.culling(config), colour_beats(config, trace.sh_degree)
     for place, path in ((datapath.NEAR, paths.near), (datapath.PROJECTION, paths.projection),
                         (datapath.ELLIPSE, paths.ellipse), (datapath.HARMONICS, paths.colour)):
@@ -212,7 +214,7 @@ def _geometry(
         where.colour + survivor * beats, where.geometry, written.begins, writes,
         constants.colour_steps(config, trace.sh_degree), where.chunks, *chunk_arrays, LIMIT)
     return _Pass(
-        {"geometry": finished("GEOMETRY", cycles)}, counts_of(s, GEOMETRY_STAGES),
+        {"geometry": memory.end(finished("GEOMETRY", cycles))}, counts_of(s, GEOMETRY_STAGES),
         s.reads[: bus.READERS].copy(), s.writes[: bus.WRITERS].copy(),
         dram_commands(s), []), int(counted)
 
@@ -244,13 +246,12 @@ def _set_warp(s: np.record, trace: FrameTrace, config: AcceleratorConfig, where:
 
 
 def _render(
-    trace: FrameTrace, eye: EyeTrace, number: int, config: AcceleratorConfig, memory: MemoryModel, display: bool,
+    trace: FrameTrace, eye: EyeTrace, number: int, config: AcceleratorConfig, memory: LastingMemory, display: bool,
     written: Lists, plan: RenderPlan, where: MemoryMap, sweep_from: int,
 ) -> _Pass:
     """Simulates the rendering phase."""
     line = config.line_buffer_bytes // ENTRY_BYTES
-    s = warp.layout.new()
-    prepare_memory(s, memory)
+    s = memory.begin(warp.layout)
     s.line_size, s.line_mask = line, (1 << (line - 1).bit_length()) - 1
     s.tile_count, s.rendered_tiles, s.sweep_from = len(eye.counts), len(plan.drawn), sweep_from
     s.pointer_room, s.wait_room = 64, 2 * -(-config.row_width // TILE) + 64
@@ -279,7 +280,7 @@ def _render(
         "ops": int(s.ops), "skipped": int(s.skipped), "fetch_misses": int(s.missed),
         "spilled_entries": int(plan.way_of.size)}
     return _Pass(
-        {"render": finished("RENDER", cycles)}, counts_of(s, RENDER_STAGES),
+        {"render": memory.end(finished("RENDER", cycles))}, counts_of(s, RENDER_STAGES),
         s.reads[: bus.READERS].copy(), s.writes[: bus.WRITERS].copy(), events,
         _timeline(plan, times, tile_times))
 
@@ -299,7 +300,7 @@ def _timeline(plan: RenderPlan, times: np.record, tile_times: np.record) -> list
 
 
 def _together(
-    trace: FrameTrace, config: AcceleratorConfig, memory: MemoryModel, passes: list[_Pass], plans: list[RenderPlan],
+    trace: FrameTrace, config: AcceleratorConfig, memory: LastingMemory, passes: list[_Pass], plans: list[RenderPlan],
     seconds: float,
 ) -> FrameCycles:
     """Adds up the numbers of all passes, as the machine counts them."""
@@ -320,7 +321,7 @@ def _together(
         timeline += [(stage, eye, group, first + at, last + at) for stage, group, first, last in p.timeline]
         at += sum(p.cycles.values())
     utilisation = {"array": max(trace.entries, events["ops"]) / max(1, phases["render"]),
-                   "memory": (sum(reads.values()) + sum(writes.values())) / (memory.peak * total)}
+                   "memory": (sum(reads.values()) + sum(writes.values())) / (memory.model.peak * total)}
     return FrameCycles(
         total, phases, tuple(p.cycles for p in passes), stages, reads, writes, trace.entries,
         sum(int(plan.groups[-1]) + 1 for plan in plans), utilisation=utilisation, timeline=timeline, seconds=seconds, **events)

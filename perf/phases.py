@@ -9,6 +9,7 @@ import numpy as np
 
 from golden.host.run_options import IDEAL, LPDDR3, MEMORIES
 from perf import bus, dram, geometry
+from perf.layout import Layout
 from spec.lpddr3 import Lpddr3, check_clock
 from spec.memory import BUS_BYTES_PER_CYCLE, DRAM_BYTES_PER_CYCLE
 from spec.queues import READ_DEPTHS
@@ -72,11 +73,45 @@ def prepare_memory(s: np.record, memory: MemoryModel, depths: Mapping[str, int] 
     dram.prepare(s, memory.device, memory.clock_ns)
 
 
-def table_cycles(memory: MemoryModel, tiles: int, base: int, depths: Mapping[str, int] = READ_DEPTHS) -> int:
+class LastingMemory:
+    """A memory through the phases of a frame, or of frames in a row: each goes on with the open rows, the times of refresh and
+    the turns of the clients that the one before left.
+
+    Parameters:
+        model: the memory.
+        idle_cycles: cycles from the memory's reset until the first phase.
+    """
+
+    def __init__(self, model: MemoryModel, idle_cycles: int = 0) -> None:
+        self.model, self._before, self._cycles = model, None, 0
+        self.wait(idle_cycles)
+
+    def begin(self, layout: Layout, depths: Mapping[str, int] = READ_DEPTHS) -> np.record:
+        """The state in which the next phase begins, which `end` completes. `depths` are as in `bus.prepare`."""
+        s = layout.new()
+        prepare_memory(s, self.model, depths)
+        if self._before is not None:
+            dram.go_on(s, self._before, self._cycles)
+        self._before = s
+        return s
+
+    def end(self, cycles: int) -> int:
+        """Says that the phase took so many cycles, after which everything has been answered. Returns `cycles`."""
+        self._cycles = cycles
+        return cycles
+
+    def wait(self, cycles: int) -> None:
+        """Lets cycles pass in which nothing is asked for."""
+        s = self.begin(geometry.layout)
+        if self.model.kind == LPDDR3:
+            geometry.idle_phase(s, cycles)
+        self.end(cycles)
+
+
+def table_cycles(memory: LastingMemory, tiles: int, base: int, depths: Mapping[str, int] = READ_DEPTHS) -> int:
     """The cycles of the phase TABLE for a table of so many tiles from the beat `base` on."""
-    s = geometry.layout.new()
-    prepare_memory(s, memory, depths)
-    return finished("TABLE", geometry.table_phase(s, tiles, base, LIMIT))
+    s = memory.begin(geometry.layout, depths)
+    return memory.end(finished("TABLE", geometry.table_phase(s, tiles, base, LIMIT)))
 
 
 def dram_commands(s: np.record) -> dict[str, int]:

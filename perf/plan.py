@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from golden.host.memory_image import lay_out
 from golden.msv2_ref.fetch import find_misses
 from golden.msv2_ref.tile_merge import auto_beta, merge_tiles
 from perf.kernel import kernel
@@ -30,29 +31,35 @@ from spec.queues import CACHE_WAYS
 
 @dataclass(frozen=True)
 class MemoryMap:
-    """The first beats of the memory regions, which follow each other in the order of `spec.memory`."""
+    """The first beats of the memory regions, which are those of `golden.host.memory_image`."""
 
-    chunks: int
     geometry: int
     colour: int
     tiles: int
-    target_tiles: int
     views: int
     directory: int
     entries: int
     spill: int
     frame: int
-    target_frame: int
+    chunks: int = 0
+    target_tiles: int = 0
+    target_frame: int = 0
 
 
 def memory_map(trace: FrameTrace, config: AcceleratorConfig, display: bool, entries_beats: int, spill_beats: int) -> MemoryMap:
-    """The memory regions of a frame, without gaps."""
+    """The memory regions of a frame. Those that it does not have begin at 0."""
     tiles, pixel = trace.tiles_x * trace.tiles_y, DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES
     table, frame = -(-tiles * TILE_SETTING_BYTES // BEAT_BYTES), -(-trace.width * trace.height * pixel // BEAT_BYTES)
-    geometry = -(-trace.points // 2) if config.compact else trace.points
-    sizes = (len(trace.eyes[0].chunk_count), geometry, trace.points * colour_beats(config, trace.sh_degree), table, table,
-             trace.points << trace.view_shift, tiles * DIRECTORY_BEATS, entries_beats, spill_beats, frame, frame)
-    return MemoryMap(*np.concatenate(([0], np.cumsum(sizes)[:-1])).tolist())
+    beats = {
+        "geometry": -(-trace.points // 2) if config.compact else trace.points,
+        "colour": trace.points * colour_beats(config, trace.sh_degree), "tiles": table,
+        "views": trace.points << trace.view_shift, "directory": tiles * DIRECTORY_BEATS, "entries": entries_beats,
+        "spill": spill_beats, "frame": frame}
+    if config.chunks:
+        beats["chunks"] = len(trace.eyes[0].chunk_count)
+    if len(trace.eyes) > 1:
+        beats |= {"target_tiles": table, "target_frame": frame}
+    return MemoryMap(**{name: region.base for name, region in lay_out(beats).items()})
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,15 @@ from golden.kernels import work_clock
 from golden.msv2_ref.buckets import Bounds
 from perf import bus, chunk_units, chunks, constants, datapath, geometry, supertiles_bin, supertiles_render
 from perf.model import FrameCycles, MemoryModel, Stage
-from perf.phases import LIMIT, counts_of, dram_commands, finished, prepare_memory, table_cycles
+from perf.phases import LIMIT, LastingMemory, counts_of, dram_commands, finished, table_cycles
 from perf.plan import tile_rows
-from perf.supertiles_plan import SuperPlan, steady_bounds, super_plan
+from perf.supertiles_gather import EMPTY, MISSES, SUPERTILE_BEATS, SURVIVES
+from perf.supertiles_plan import SuperPlan, frame_beats, steady_bounds, super_plan
 from perf.supertiles_trace import SuperTrace
 from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES
 from spec.memory import BEAT_BYTES, BEAT_ENTRIES, DISPLAY_PIXEL_BYTES, PIXEL_BYTES, colour_beats
+from spec.packed import table_beat
 from spec.queues import LIST_POINTERS, OUTPUT_DRAINS, SUPERTILE_READ_DEPTHS, TILE_TEST_BESIDE
 from spec.records import COUNT_BITS, frame_lists
 from spec.registers import WRITE_CLIENTS, read_clients, stages, write_clients
@@ -28,6 +30,9 @@ READ_AHEAD = 2
 
 BATCHES = 2
 """Batches in the batch buffer: one is filled while the other is dealt."""
+
+PACKED = 2
+"""The number of the format of packed frames, behind those of `display`."""
 
 _TMU_LATENCY = 9  # cycles from the frame's last pair to the first group (rtl.sort_tmu.tile_merge)
 
@@ -69,43 +74,56 @@ class _Pass:
 
 
 def simulate_supertiles(
-    trace: SuperTrace, config: AcceleratorConfig, *, memory: MemoryModel | None = None, merge: bool = True,
-    pipeline: bool | None = None, beta: int | None = None, display: bool = False, bounds: Bounds | None = None,
+    trace: SuperTrace, config: AcceleratorConfig, *, memory: MemoryModel | LastingMemory | None = None, merge: bool = True,
+    pipeline: bool | None = None, beta: int | None = None, display: bool = False, packed: bool = False,
+    bounds: Bounds | None = None, shared_colour: bool = False,
 ) -> SuperCycles:
     """Simulates a frame.
 
     Args:
         trace: the trace of the golden frame.
         config: the machine's configuration.
-        memory: the memory; None for four channels of LPDDR3-1600, the paper's.
+        memory: the memory; None for four channels of LPDDR3-1600, the paper's. A `LastingMemory` goes on as the frame before
+            left it; any other was reset when the frame starts.
         merge: whether lists are merged.
         pipeline: whether stages hand over incrementally; None for the configuration's value.
         beta: the merge threshold in pairs; None for the automatic one. It has no effect without `merge`.
         display: whether a pixel takes 4 bytes in memory instead of 16.
+        packed: whether the frame is packed instead (`spec.packed`).
         bounds: the bounds that the frame before left; None for those of a camera that stands still.
+        shared_colour: whether the colours of a pair are computed once for both eyes of a joint frame.
 
     Raises:
-        ValueError: the machine has no super-tiles, or a lower SH degree than the frame.
+        ValueError: the machine has no super-tiles, a lower SH degree than the frame, or packs no frames, or not
+            those of two eyes.
     """
     check_supertiles(config)
-    memory = memory or MemoryModel(LPDDR3)
+    if not isinstance(memory, LastingMemory):
+        memory = LastingMemory(memory or MemoryModel(LPDDR3))
     if pipeline is not None:
         config = config.with_(incremental=pipeline)
     if trace.streams != config.streams:
         raise ValueError(f"trace must be one of a machine with {config.streams} streams, not {trace.streams!r}")
     if trace.sh_degree > config.sh_degree:
         raise ValueError(f"config must be a machine of SH degree {trace.sh_degree}, not {config.sh_degree!r}")
+    if packed and not config.packed:
+        raise ValueError(f"config must be a machine that packs frames, not {config.name!r}")
+    if packed and trace.eyes > 1:
+        raise ValueError(f"trace must be one of a single eye where frames are packed, not of {trace.eyes!r}")
     beta, begin = beta if merge else 0, work_clock()
-    plan = super_plan(trace, config, steady_bounds(trace, config) if bounds is None else bounds, beta, display)
-    tiles = trace.tiles_x * trace.tiles_y
+    plan = super_plan(trace, config, steady_bounds(trace, config) if bounds is None else bounds, beta, display or packed)
+    tiles = trace.eyes * trace.eye_tiles
+    memory.wait(trace.eyes * trace.tiles_y + 1)
     table = table_cycles(memory, tiles, plan.where.tiles, SUPERTILE_READ_DEPTHS)
     binned, counted = _bin(trace, config, memory, plan)
     latency = _TMU_LATENCY + (COUNT_BITS + frame_lists(config).bit_length() + 1 if beta is None else 0)
-    drawn, events = _render(trace, config, memory, display, plan, max(0, counted - 1 + latency - binned.cycles))
+    drawn, events = _render(
+        trace, config, memory, PACKED if packed else int(display), shared_colour, plan,
+        max(0, counted - 1 + latency - binned.cycles))
     phases = {"clear": trace.tiles_y + 1, "table": table, "geometry": binned.cycles, "render": drawn.cycles}
     total, both = sum(phases.values()), (binned, drawn)
     reads, writes = sum(p.reads for p in both), sum(p.writes for p in both)
-    reads[bus.TILES] += -(-tiles // 4)
+    reads[bus.TILES] += trace.eyes * -(-trace.eye_tiles // 4)
     moved = {"reads": _bytes(reads, bus.READER_NAMES, read_clients(config)),
              "writes": _bytes(writes, WRITE_CLIENTS, write_clients(config))}
     found = {}
@@ -116,7 +134,7 @@ def simulate_supertiles(
     timeline = [("geometry", 0, -1, at, at + binned.cycles), ("render", 0, -1, at + binned.cycles, total)]
     commands = {name: binned.commands[name] + drawn.commands[name] for name in binned.commands}
     utilisation = {"array": max(trace.entries, events["ops"]) / (config.streams * max(1, drawn.cycles)),
-                   "memory": sum(sum(m.values()) for m in moved.values()) / (memory.peak * total)}
+                   "memory": sum(sum(m.values()) for m in moved.values()) / (memory.model.peak * total)}
     return SuperCycles(
         total, phases, (dict(phases),), found, **moved, entries=trace.entries, groups=int(plan.sorting.groups[-1]) + 1,
         spilled_entries=int(plan.sorting.way_of.size), **events, **commands, utilisation=utilisation, timeline=timeline,
@@ -136,10 +154,10 @@ def _results(s: np.record, cycles: int, watched: tuple[str, ...]) -> _Pass:
 
 def _bin(trace: SuperTrace, config: AcceleratorConfig, memory: MemoryModel, plan: SuperPlan) -> tuple[_Pass, int]:
     """Simulates the first phase. Returns it with the cycle in which its last pair was in memory."""
-    s = supertiles_bin.layout.new()
-    prepare_memory(s, memory, SUPERTILE_READ_DEPTHS)
+    s = memory.begin(supertiles_bin.layout, SUPERTILE_READ_DEPTHS)
     paths = _set_paths(s, config)
-    arrays = chunk_units.prepare(s, trace.chunk_count, trace.chunk_read, config, paths)
+    arrays = chunk_units.prepare(s, trace.chunk_count, trace.chunk_read, config, paths, trace.eyes)
+    s.two_eyes = trace.eyes - 1
     s.list_count = len(plan.lists.counts)
     writes, where = plan.lists.writes, plan.where
     classes = trace.point_class
@@ -147,7 +165,7 @@ def _bin(trace: SuperTrace, config: AcceleratorConfig, memory: MemoryModel, plan
         s, classes, classes[classes != geometry.NEAR_CULLED], trace.splat_steps, trace.step_groups, trace.step_pairs,
         trace.step_closes, plan.lists.pair_writes, np.where(writes < 0, where.directory - 1 - writes, where.entries + writes),
         plan.lists.flushed, where.chunks, where.geometry, *arrays, LIMIT)
-    return _results(s, finished("GEOMETRY", cycles), BIN_STAGES), int(counted)
+    return _results(s, memory.end(finished("GEOMETRY", cycles)), BIN_STAGES), int(counted)
 
 
 def _set_paths(s: np.record, config: AcceleratorConfig) -> constants.Culling:
@@ -175,21 +193,40 @@ def _new_streams(config: AcceleratorConfig) -> np.recarray:
     return streams
 
 
-def _set_frame(s: np.record, trace: SuperTrace, config: AcceleratorConfig, display: bool) -> None:
-    """Sets what the pixel writer needs."""
+def _set_frame(s: np.record, trace: SuperTrace, config: AcceleratorConfig, pixels: int) -> None:
+    """Sets what the pixel writer or the frame packer needs."""
+    s.packs, s.pack_blocks = pixels == PACKED, len(trace.blocks)
+    s.pack_table = table_beat(trace.width, trace.height)
     s.array_x, s.row_x, s.read_ahead = config.array_x, frame_rows(config).cores_x, READ_AHEAD
     s.width, s.height, s.tiles_x = trace.width, trace.height, trace.tiles_x
-    s.pixel_words = (DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES) // 4
+    pixel = DISPLAY_PIXEL_BYTES if pixels else PIXEL_BYTES
+    s.pixel_words, s.eye_tiles, s.eye_beats = pixel // 4, trace.eye_tiles, frame_beats(trace, pixel)
+    s.two_eyes, s.super_beats = trace.eyes - 1, trace.eyes * SUPERTILE_BEATS
+
+
+def _gathered(trace: SuperTrace, shared_colour: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """`kinds`, `tested`, `places` and `frees` of `perf.supertiles_gather`, each with an item behind the last. With shared
+    colours, a pair's places of both eyes come with its last survivor."""
+    kinds = np.full((trace.pairs, 1), SURVIVES, np.uint8) if trace.kinds is None else trace.kinds.copy()
+    survives, places = kinds == SURVIVES, trace.eye_places.astype(np.int64)
+    frees = survives & (np.cumsum(survives[:, ::-1], axis=1)[:, ::-1] == 1)
+    if shared_colour:
+        kinds[survives & ~frees] = EMPTY
+        survives, places = frees, np.broadcast_to(places.sum(axis=1, keepdims=True), places.shape)
+    kinds = kinds.reshape(-1)
+    return (np.append(kinds, SURVIVES), np.append(kinds[kinds != MISSES], SURVIVES), np.append(places[survives], 0),
+            np.append(frees[survives], 1).astype(np.uint8))
 
 
 def _render(
-    trace: SuperTrace, config: AcceleratorConfig, memory: MemoryModel, display: bool, plan: SuperPlan, sweep_from: int,
+    trace: SuperTrace, config: AcceleratorConfig, memory: LastingMemory, pixels: int, shared_colour: bool, plan: SuperPlan,
+    sweep_from: int,
 ) -> tuple[_Pass, dict[str, int]]:
-    """Simulates the second phase. Returns it with counted events."""
+    """Simulates the second phase; `pixels` is 0 for whole pixels, 1 for those of displays, or PACKED. Returns it with counted
+    events."""
     line, sorting, lists, visits, where = (
         config.line_buffer_bytes // ENTRY_BYTES, plan.sorting, plan.lists, plan.visits, plan.where)
-    s = supertiles_render.layout.new()
-    prepare_memory(s, memory, SUPERTILE_READ_DEPTHS)
+    s = memory.begin(supertiles_render.layout, SUPERTILE_READ_DEPTHS)
     s.line_size, s.line_mask = line, (1 << (line - 1).bit_length()) - 1
     s.tile_count, s.sweep_from = len(lists.counts), sweep_from
     s.pointer_room, s.entries_base, s.directory_base = LIST_POINTERS, where.entries, where.directory
@@ -201,7 +238,7 @@ def _render(
     s.way_room[: config.merge_ways] = 32
     s.frame_base, s.rendered_tiles = where.frame, len(visits.drawn)
     _set_paths(s, config)
-    _set_frame(s, trace, config, display)
+    _set_frame(s, trace, config, pixels)
     streams = _new_streams(config)
     beats = colour_beats(config, trace.sh_degree)
     s.record_beats = beats
@@ -216,11 +253,11 @@ def _render(
         merging, keys, sorting.part_runs, sorting.job_start, sorting.job_length, sorting.job_entries, sorting.job_out,
         sorting.job_waits, sorting.way_of, sorting.job_begin, sorting.job_goal, np.append(plan.missed, 0),
         where.chunks + trace.chunk, where.colour + trace.splat.astype(np.int64) * beats,
-        np.append(trace.places, 0), np.append(np.diff(trace.start), 0),
+        *_gathered(trace, shared_colour), np.append(np.diff(trace.start) * trace.eyes, 0),
         visits.batch_supertile, visits.batch_places, visits.batch_visit, visits.visit_tile, visits.visit_final,
         visits.visit_entry, visits.visit_seen, visits.use, visits.slot, stop, blend, visits.drawn,
-        np.full((trace.streams, len(trace.counts)), bus.NEVER, np.int64),
+        trace.blocks, np.full((trace.streams, len(trace.counts)), bus.NEVER, np.int64),
         np.zeros((trace.streams, len(trace.counts)), np.int64), tile_times, LIMIT)
     events = {"ops": int(s.ops), "skipped": int(s.skipped), "fetch_misses": int(s.header_misses),
               "visits": int(streams.visits_taken.sum())}
-    return _results(s, finished("RENDER", cycles), RENDER_STAGES), events
+    return _results(s, memory.end(finished("RENDER", cycles)), RENDER_STAGES), events

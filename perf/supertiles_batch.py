@@ -6,17 +6,18 @@ Each stream has a record of its own, of `stream_layout`, for the side of the bat
 
 from __future__ import annotations
 
-from perf import blending, bus
+from perf import blending, bus, packing
 from perf.constants import SETUP_LATENCY
 from perf.kernel import step
 from perf.layout import Layout
-from perf.supertiles_gather import layout as before
+from perf.packing import layout as before
 from spec.constants import TILE
 from spec.queues import ARRAY_TILES
 
 layout = Layout(before)
 layout.words("""
-    batches parts fill_batch fill_left fill_open fill_closed fill_at passed released first_reader read_ahead array_x row_x""")
+    batches parts fill_batch fill_left fill_open fill_closed fill_at passed released first_reader read_ahead array_x row_x
+    eye_tiles eye_beats""")
 layout.ring("asked", 16)
 stream_layout = Layout()
 stream_layout.words("""
@@ -109,22 +110,40 @@ def _row_stream(s, count, cores_y):
 
 
 @step
-def step_rows(s, streams, t, granted, drawn, tile_times):
-    """Moves a row of pixels, of one array or of two side by side, to the pixel writer."""
-    room, cores_y = blending.send_beats(s, granted), streams[0].cores_y
+def _row_taken(s, t, granted, offered, cores_y, drawn, sizes):
+    """Steps the pixel writer or the frame packer. Returns whether it takes the row that is offered."""
+    if s.packs:
+        whole = packing.completes(s, s.row_out, s.row_x, cores_y)
+        room = packing.step_packer(s, t, granted, drawn, sizes)
+        taken = offered and (room or not whole)
+        if taken and whole:
+            packing.take_row(s, t)
+        return taken
+    room = blending.send_beats(s, granted)
+    if room:
+        s.packed = offered
+    return room and offered
+
+
+@step
+def step_rows(s, streams, t, granted, drawn, sizes, tile_times):
+    """Moves a row of pixels, of one array or of two side by side, to the pixel writer or the frame packer."""
+    cores_y = streams[0].cores_y
     q = _row_stream(s, len(streams), cores_y)
     joined = s.row_x > s.array_x
     offered = blending.rows_offered(streams[q], t) and (not joined or blending.rows_offered(streams[q + 1], t))
-    if room:
-        s.packed = offered
-    taken = room and offered
+    taken = _row_taken(s, t, granted, offered, cores_y, drawn, sizes)
     blending.count_rows(s, offered, taken)
     if not taken:
         return
     at, row = s.tile_out, s.row_out
     tile = drawn[at]
-    s.packed_beats, s.packed_at = blending.row_beats(
-        s, tile % s.tiles_x * TILE, tile // s.tiles_x * TILE, TILE // s.row_x, row, s.row_x, cores_y)
+    eye = tile >= s.eye_tiles  # the second eye's tiles follow those of the first
+    tile -= eye * s.eye_tiles
+    if s.packs == 0:
+        s.packed_beats, s.packed_at = blending.row_beats(
+            s, tile % s.tiles_x * TILE, tile // s.tiles_x * TILE, TILE // s.row_x, row, s.row_x, cores_y)
+        s.packed_at += eye * s.eye_beats
     if row == 0:
         tile_times[0, at] = t
     row += 1

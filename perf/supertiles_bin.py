@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from perf import bus, chunk_units, memory
 from perf.bus import W_ENTRIES
-from perf.datapath import ELLIPSE, PROJECTION, accepts, enter, fetch
-from perf.geometry import CLOSES, ENDS, OUTSIDE, pass_near, take_chunk_point
+from perf.datapath import ELLIPSE, NEAR, PROJECTION, accepts, enter, fetch
+from perf.geometry import CLOSES, ENDS, OUTSIDE, pass_near
 from perf.kernel import phase, step
 from perf.layout import Layout
 from spec.queues import LINES_AHEAD
@@ -18,7 +18,7 @@ layout = Layout(chunk_units.layout)
 layout.counters("projection", "tile_test", "entry_write")
 layout.words("""
     near_point passed visible_at splat_left walking walked clipped kept kept_room step_full step_left step_at
-    line_in line_out pairs_left bucket_pipe
+    line_in line_out pairs_left bucket_pipe two_eyes point_eye
     writer_first writer_slot writer_pipe writer_linked writer_out writer_buffer writer_sent writer_ended flush_at list_count""")
 
 layout.ring("line_pairs", LINES_AHEAD)
@@ -128,6 +128,20 @@ def _walk(s, t):
 
 
 @step
+def _take_point(s, t, chunk_points):
+    """Takes the point that the chunk reader offers into the near test. In joint frames it is taken for one eye after the other,
+    and leaves the reader with the second."""
+    if chunk_units.offers_point(s, t, chunk_points):
+        if accepts(s, NEAR, t):
+            enter(s, NEAR, t)
+            s.busy_projection += 1
+            s.point_taken = s.point_eye == s.two_eyes
+            s.point_eye = s.two_eyes - s.point_eye
+        else:
+            s.blocked_projection += 1
+
+
+@step
 def _project(s, t, point_class, passed_class, splat_steps, chunk_points):
     """Steps the units from memory's points to the input of the tile test."""
     if s.clipped:
@@ -147,7 +161,7 @@ def _project(s, t, point_class, passed_class, splat_steps, chunk_points):
             s.clipped |= not outside
     fetch(s, PROJECTION, t)
     pass_near(s, t, point_class)
-    take_chunk_point(s, t, chunk_points)
+    _take_point(s, t, chunk_points)
 
 
 @phase

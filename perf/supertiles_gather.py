@@ -20,8 +20,8 @@ layout.words("""
     record_beats looked header_requests headers_sent header_misses placed header_there headers_held awaiting asked_second
     record_requests records_sent joined join_second beats_held points_in points_out""")
 layout.words("""
-    supers_owed supers_asked supers_part supers_whole supers_taken clip_left clipped walked kept kept_room survivors
-    colour_steps sum_left sums_in sums_out place_left place_pair""")
+    supers_owed supers_asked supers_part supers_whole supers_taken super_beats clip_left clipped walked kept kept_room survivors
+    colour_steps sum_left sums_in sums_out place_left place_pair two_eyes point_eye pairs_clipped pairs_tested pairs_freed""")
 layout.ring("located_times", _PENDING)
 layout.ring("awaited_times", _PENDING)
 layout.ring("header_address", 8)
@@ -29,6 +29,10 @@ layout.ring("record_address", 8)
 _POINTS = 16
 layout.ring("point_times", _POINTS)
 layout.ring("sum_times", 4)
+
+MISSES, EMPTY, SURVIVES = range(3)
+"""Kinds of a pair in an eye: the splat's box lies outside the super-tile, so that the clip drops it; the tile test finds no
+tile; or it finds one. In frames of one eye all survive."""
 
 SUPERTILE_BEATS = SUPER_TILES * TILE_SETTING_BYTES // BEAT_BYTES
 
@@ -122,7 +126,7 @@ def step_supertiles(s, t, granted, pair_counts):
     if whole == 0 and bus.offered(s, TILES, t):
         bus.take(s, TILES)
         s.supers_part += 1
-        if s.supers_part == SUPERTILE_BEATS:
+        if s.supers_part == s.super_beats:
             s.supers_part, whole = 0, 1
     s.supers_whole = whole
     if granted:
@@ -132,12 +136,16 @@ def step_supertiles(s, t, granted, pair_counts):
 
 
 @step
-def step_project(s, t):
-    """Steps projection, clip and tile test, in which a pair is one step."""
-    if s.path_full[ELLIPSE] and s.survivors < 2:
-        s.path_full[ELLIPSE] = 0
-        s.survivors += 1
-        s.kept -= 1
+def step_project(s, t, kinds, tested):
+    """Steps projection, clip and tile test, in which a pair is one step for each eye. `kinds` are those of pairs and eyes in
+    turn, `tested` of them those that the clip does not drop."""
+    if s.path_full[ELLIPSE]:
+        survives = tested[s.pairs_tested] == SURVIVES
+        if s.survivors < 2 or survives == 0:
+            s.path_full[ELLIPSE] = 0
+            s.survivors += survives
+            s.pairs_tested += 1
+            s.kept -= 1
     fetch(s, ELLIPSE, t)
     if s.walked and accepts(s, ELLIPSE, t):
         enter(s, ELLIPSE, t)
@@ -150,7 +158,8 @@ def step_project(s, t):
         else:
             s.blocked_tile_test += 1
     if s.path_full[PROJECTION] and s.clipped == 0 and s.clip_left:
-        s.path_full[PROJECTION], s.clipped = 0, 1
+        s.path_full[PROJECTION], s.clipped = 0, kinds[s.pairs_clipped] != MISSES
+        s.pairs_clipped += 1
         s.clip_left -= 1
     fetch(s, PROJECTION, t)
     if s.path_full[NEAR] and accepts(s, PROJECTION, t):
@@ -161,15 +170,17 @@ def step_project(s, t):
     if at != s.points_in and s.point_times[at & _POINTS - 1] <= t:
         if accepts(s, NEAR, t):
             enter(s, NEAR, t)
-            s.points_out = at + 1
+            s.points_out = at + (s.point_eye == s.two_eyes)
+            s.point_eye = s.two_eyes - s.point_eye
             s.busy_projection += 1
         else:
             s.blocked_projection += 1
 
 
 @step
-def step_colour(s, t, taken, places):
-    """Steps PairColour. `taken`: the batch buffer takes the place that is offered."""
+def step_colour(s, t, taken, places, frees):
+    """Steps PairColour. `taken`: the batch buffer takes the place that is offered. Of each survivor, `places` is the number of
+    its places, and `frees` says whether it is the last one of its pair, whose record is then needed no longer."""
     s.place_left -= taken
     if s.place_left == 0 and s.sums_out != s.sums_in and s.sum_times[s.sums_out & 3] <= t:
         s.place_left = places[s.place_pair]
@@ -186,7 +197,8 @@ def step_colour(s, t, taken, places):
         if room and s.path_full[HARMONICS]:
             s.path_full[HARMONICS] = 0
             s.sum_left = s.colour_steps
-            s.beats_held -= s.record_beats
+            s.beats_held -= frees[s.pairs_freed] * s.record_beats
+            s.pairs_freed += 1
         fetch(s, HARMONICS, t)
     if s.survivors == 0:
         return
@@ -198,6 +210,7 @@ def step_colour(s, t, taken, places):
         else:
             s.sum_times[s.sums_in & 3] = t + _PLACES
             s.sums_in += 1
-            s.beats_held -= s.record_beats
+            s.beats_held -= frees[s.pairs_freed] * s.record_beats
+            s.pairs_freed += 1
     else:
         s.blocked_colour += 1

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from golden.host.memory_image import lay_out
 from golden.msv2_ref.batches import Batches, cut_batches
 from golden.msv2_ref.buckets import Bounds, list_numbers, next_bounds
 from golden.msv2_ref.fetch import find_misses
@@ -16,7 +17,7 @@ from perf.kernel import kernel
 from perf.plan import SortPlan, sort_plan
 from perf.supertiles_trace import SuperTrace
 from spec.config import AcceleratorConfig
-from spec.constants import SUPER_TILES, SUPER_X, SUPER_Y
+from spec.constants import MAX_LEVELS, SUPER_TILES
 from spec.memory import (
     BEAT_BYTES,
     BEAT_ENTRIES,
@@ -30,6 +31,7 @@ from spec.memory import (
     colour_beats,
     pages_beyond_first,
 )
+from spec.records import frame_lists
 from spec.supertiles import HEADER_WAYS
 
 BEGINS, FILLS = 1, 2
@@ -152,24 +154,24 @@ class VisitPlan:
 
 def visit_plan(trace: SuperTrace, config: AcceleratorConfig) -> VisitPlan:
     """The batches and visits of a frame on a machine."""
-    batches = cut_batches(trace.start, trace.places, config.batch_places)
+    batches = cut_batches(trace.start, trace.places, config.batch_places, trace.eyes * MAX_LEVELS)
     batch = np.repeat(np.arange(len(batches.supertile)), np.diff(batches.start))
     places = np.bincount(batch, trace.places, len(batches.supertile)).astype(np.int64)
     ahead = np.cumsum(trace.places, dtype=np.int64) - trace.places
     ahead -= np.repeat(np.cumsum(places) - places, np.diff(batches.start))
     tile = np.repeat(np.arange(len(trace.counts)), trace.counts)
-    y, x = np.divmod(np.arange(len(trace.counts)), trace.tiles_x)
-    supertile = y // SUPER_Y * -(-trace.tiles_x // SUPER_X) + x // SUPER_X
-    place = y % SUPER_Y * SUPER_X + x % SUPER_X
-    tile_at = np.full((trace.supertiles, SUPER_TILES), -1, np.int64)
+    supertile, place = trace.grid
+    tile_at = np.full((trace.supertiles, trace.eyes * SUPER_TILES), -1, np.int64)
     tile_at[supertile, place] = np.arange(len(place))
+    before = np.cumsum(trace.eye_places, axis=1) - trace.eye_places  # places of a pair before those of each eye
+    slot = ahead[trace.pair] + before[trace.pair, tile // trace.eye_tiles]
     of_stream = []
     for stream in range(trace.streams):
         here = np.flatnonzero(trace.regions >> stream & 1)
-        key = batch[trace.pair[here]] * SUPER_TILES + place[tile[here]]
+        key = batch[trace.pair[here]] * tile_at.shape[1] + place[tile[here]]
         order = here[np.argsort(key, kind="stable")]
         visits = _stream_visits(key, batches, tile_at)
-        of_stream.append((*visits, batches.final[visits[0]], trace.use[order], ahead[trace.pair[order]]))
+        of_stream.append((*visits, batches.final[visits[0]], trace.use[order], slot[order]))
     visited, counts, seen, final, use, slot = (
         np.concatenate(parts) for parts in zip(*(parts[1:] for parts in of_stream), strict=True))
     begins = np.concatenate(([0], np.cumsum([len(parts[0]) for parts in of_stream])))
@@ -183,11 +185,11 @@ def _stream_visits(key: np.ndarray, batches: Batches, tile_at: np.ndarray) -> tu
     """The visits of a stream: batch, tile, number of entries, and the tile's entries before them.
 
     Args:
-        key: (entries,) batch * SUPER_TILES + place of each of the stream's entries.
+        key: (entries,) batch * number of places + place of each of the stream's entries.
         batches: the frame's batches.
-        tile_at: (super-tiles, SUPER_TILES) the tile at each place; -1 beyond the frame.
+        tile_at: (super-tiles, places) the tile at each place; -1 beyond the frame.
     """
-    held = np.bincount(key, minlength=len(batches.supertile) * SUPER_TILES).reshape(-1, SUPER_TILES)
+    held = np.bincount(key, minlength=len(batches.supertile) * tile_at.shape[1]).reshape(-1, tile_at.shape[1])
     wanted = held > 0
     wanted[batches.final] = tile_at[batches.supertile[batches.final]] >= 0
     at, where = np.nonzero(wanted)
@@ -202,7 +204,7 @@ def _stream_visits(key: np.ndarray, batches: Batches, tile_at: np.ndarray) -> tu
 
 @dataclass(frozen=True)
 class SuperMap:
-    """The first beats of the memory regions, which follow each other in the order of `spec.memory`."""
+    """The first beats of the memory regions, which are those of `golden.host.memory_image`."""
 
     chunks: int
     geometry: int
@@ -232,6 +234,11 @@ class SuperPlan:
     where: SuperMap
 
 
+def frame_beats(trace: SuperTrace, pixel: int) -> int:
+    """The beats of the pixels of one eye, which take so many bytes each."""
+    return -(-trace.width * trace.height * pixel // BEAT_BYTES)
+
+
 def super_plan(
     trace: SuperTrace, config: AcceleratorConfig, bounds: Bounds, beta: int | None, display: bool,
 ) -> SuperPlan:
@@ -248,11 +255,12 @@ def super_plan(
     sorting = sort_plan(lists.counts, lists.rank, groups, config, int(np.bincount(groups, lists.counts).max(initial=0)))
     missed = find_misses(
         trace.chunk.astype(np.int64), np.zeros(trace.pairs, np.int64), config.header_lines, HEADER_WAYS, False, False)
-    tiles, pixel = trace.tiles_x * trace.tiles_y, DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES
-    sizes = (
-        len(trace.chunk_count), -(-trace.points // 2), trace.points * colour_beats(config, trace.sh_degree),
-        -(-tiles * TILE_SETTING_BYTES // BEAT_BYTES), trace.supertiles * SUPER_TILES * TILE_SETTING_BYTES // BEAT_BYTES,
-        len(lists.counts) * DIRECTORY_BEATS, lists.beats, sorting.spill_beats,
-        -(-trace.width * trace.height * pixel // BEAT_BYTES))
-    where = SuperMap(*np.concatenate(([0], np.cumsum(sizes)[:-1])).tolist())
+    tiles, pixel = trace.eyes * trace.eye_tiles, DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES
+    regions = lay_out({
+        "chunks": len(trace.chunk_count), "geometry": -(-trace.points // 2),
+        "colour": trace.points * colour_beats(config, trace.sh_degree), "tiles": -(-tiles * TILE_SETTING_BYTES // BEAT_BYTES),
+        "supertiles": trace.eyes * trace.supertiles * SUPER_TILES * TILE_SETTING_BYTES // BEAT_BYTES,
+        "directory": frame_lists(config) * DIRECTORY_BEATS, "entries": lists.beats, "spill": sorting.spill_beats,
+        "frame": trace.eyes * frame_beats(trace, pixel)})
+    where = SuperMap(**{name: region.base for name, region in regions.items()})
     return SuperPlan(lists, sorting, visit_plan(trace, config), missed.astype(np.uint8), where)

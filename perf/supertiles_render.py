@@ -30,7 +30,7 @@ def _asking(s, t):
 
 @step
 def _arrays(s, streams, t, granted, batch_visit, visit_tile, visit_final, visit_entry, visit_seen, use, slot, stop, blend,
-            drawn, pending, done, tile_times):
+            drawn, sizes, pending, done, tile_times):
     """Steps the arrays, the pixel writer, and the sides of the batch buffer that deal."""
     count, some, takes = len(streams), False, False
     for q in range(count):
@@ -38,7 +38,7 @@ def _arrays(s, streams, t, granted, batch_visit, visit_tile, visit_final, visit_
         a.waiting = blending.buffered(a)
         supertiles_batch.load_issue(a, t)
         supertiles_batch.step_issue(s, a, q, t, visit_tile, visit_final, visit_entry, visit_seen, stop, blend, pending, done)
-    supertiles_batch.step_rows(s, streams, t, granted, drawn, tile_times)
+    supertiles_batch.step_rows(s, streams, t, granted, drawn, sizes, tile_times)
     for q in range(count):
         a = streams[q]
         there, taken = supertiles_batch.step_setup(
@@ -57,9 +57,9 @@ def _arrays(s, streams, t, granted, batch_visit, visit_tile, visit_final, visit_
 def render_phase(
     s, streams, ways, list_counts, list_lasts, list_ends, page_beat, page_start, group_end, chunk_length, chunk_spill,
     chunk_last, chunk_ends, arrival, stages, keys, part_runs, job_start, job_length, job_entries, job_out, job_waits,
-    way_of, job_begin, job_goal, missed, header_beat, record_beat, places, pair_counts, batch_supertile, batch_places,
-    batch_visit, visit_tile, visit_final, visit_entry, visit_seen, use, slot, stop, blend, drawn, done, pending, tile_times,
-    limit,
+    way_of, job_begin, job_goal, missed, header_beat, record_beat, kinds, tested, places, frees, pair_counts,
+    batch_supertile, batch_places, batch_visit, visit_tile, visit_final, visit_entry, visit_seen, use, slot, stop, blend,
+    drawn, sizes, done, pending, tile_times, limit,
 ):
     """Simulates the phase RENDER. Returns its cycles, or -1 when it has not ended within `limit` cycles."""
     for t in range(limit):
@@ -73,11 +73,11 @@ def render_phase(
             return t + 1
         _arrays(
             s, streams, t, writer == W_FRAME, batch_visit, visit_tile, visit_final, visit_entry, visit_seen, use, slot, stop,
-            blend, drawn, pending, done, tile_times)
+            blend, drawn, sizes, pending, done, tile_times)
         taken = supertiles_batch.places_taken(s, t)
         supertiles_batch.step_fill(s, streams, t, taken, batch_supertile, batch_places)
-        supertiles_gather.step_colour(s, t, taken, places)
-        supertiles_gather.step_project(s, t)
+        supertiles_gather.step_colour(s, t, taken, places, frees)
+        supertiles_gather.step_project(s, t, kinds, tested)
         supertiles_gather.step_supertiles(s, t, reader == TILES, pair_counts)
         supertiles_gather.step_join(s, t, missed)
         supertiles_gather.step_ask(s, t, reader == COLOUR, missed, record_beat)
@@ -97,6 +97,6 @@ def render_phase(
         lists.step_walk(s, t, reader == ENTRIES, list_before, list_counts, list_lasts, page_beat, page_start)
         lists.step_sweep(s, t, waits, 0)
         if s.swept != swept and list_ends[swept]:
-            s.supers_owed += supertiles_gather.SUPERTILE_BEATS
+            s.supers_owed += s.super_beats
         memory.end_cycle(s, t)
     return -1

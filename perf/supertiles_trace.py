@@ -17,6 +17,8 @@ import numpy as np
 
 from golden.kernels import work_clock
 from golden.msv2_ref import pipeline, projection, tile_test
+from golden.msv2_ref.frame_memory import display_pixels
+from golden.msv2_ref.frame_packing import display_bytes, pack_frame
 from golden.msv2_ref.supertiles import chunk_order
 from golden.scenes.files import atomic_output
 from golden.scenes.request import Request, resolve
@@ -25,12 +27,13 @@ from perf.stops import stop_entries
 from perf.trace import trace_key
 from spec.chunks import PLACE_BITS
 from spec.config import AcceleratorConfig
-from spec.constants import SUPER_X, SUPER_Y, TILE
+from spec.constants import SUPER_TILES, SUPER_X, SUPER_Y, TILE
 from spec.effects import with_two_eyes
+from spec.joint import grid_origins, joint_columns
 from spec.queues import LEVEL_GROUP
 from spec.sources import fingerprint, sources_of
 
-VERSION = 2
+VERSION = 3
 """Version of the trace files; files of other versions are made again."""
 
 
@@ -61,8 +64,14 @@ class SuperTrace:
         regions: (intersections,) uint8, the streams that have it, one bit each.
         stop: (streams, tiles, 2) int32, the stream's intersections after which all pixels of a level bank have stopped; -1
             where some never stop.
+        blocks: (blocks,) uint8, the beats of each block of the packed frame (`spec.packed`), by number; none in joint frames.
         survivors: the number of splats with a pair. filtered: that of intersections that the foveation filter dropped.
         record: the request as JSON-ready values. golden_seconds: the CPU time that rendering and tracing took.
+        eyes: 2 in joint frames (`spec.joint`), whose tiles are those of the source and then those of the target. All properties
+            of Gaussians stand twice then, for both eyes in turn: `perf.joint_trace` says what steps and classes mean.
+        shift: the distance of the eyes' grids in tiles.
+        places_by_eye: (pairs, eyes) uint8, the levels of each pair in each eye. kinds: (pairs, eyes) uint8, as in
+            `perf.supertiles_gather`. None in frames of one eye.
     """
 
     width: int
@@ -88,10 +97,15 @@ class SuperTrace:
     use: np.ndarray
     regions: np.ndarray
     stop: np.ndarray
+    blocks: np.ndarray
     survivors: int
     filtered: int
     record: dict[str, object]
     golden_seconds: float = 0.0
+    eyes: int = 1
+    shift: int = 0
+    places_by_eye: np.ndarray | None = None
+    kinds: np.ndarray | None = None
 
     @property
     def tiles_x(self) -> int:
@@ -100,6 +114,25 @@ class SuperTrace:
     @property
     def tiles_y(self) -> int:
         return -(-self.height // TILE)
+
+    @property
+    def eye_tiles(self) -> int:
+        """The number of tiles of one eye."""
+        return self.tiles_x * self.tiles_y
+
+    @property
+    def eye_places(self) -> np.ndarray:
+        """(pairs, eyes), the places of each pair for each eye."""
+        return self.places[:, None] if self.places_by_eye is None else self.places_by_eye
+
+    @property
+    def grid(self) -> tuple[np.ndarray, np.ndarray]:
+        """(eyes * tiles,) int64 each: the super-tile of each tile, and its place among the tiles of all eyes in it."""
+        eye, tile = np.divmod(np.arange(self.eyes * self.eye_tiles), self.eye_tiles)
+        y, x = np.divmod(tile, self.tiles_x)
+        x += np.array(grid_origins(self.shift))[eye]
+        columns = joint_columns(self.tiles_x, self.shift)
+        return y // SUPER_Y * columns + x // SUPER_X, eye * SUPER_TILES + y % SUPER_Y * SUPER_X + x % SUPER_X
 
     @property
     def supertiles(self) -> int:
@@ -133,9 +166,10 @@ class SuperTrace:
 
 
 def super_trace(
-    frame: pipeline.Frame, record: dict[str, object] | None = None, seconds: float = 0.0,
+    frame: pipeline.Frame, record: dict[str, object] | None = None, seconds: float = 0.0, stop: np.ndarray | None = None,
 ) -> SuperTrace:
     """The trace of a golden frame; `seconds` is the CPU time that rendering it took, to which this function adds its own.
+    `stop` is the trace's field where it is known.
 
     Raises:
         ValueError: the frame is of a machine without super-tiles.
@@ -147,7 +181,7 @@ def super_trace(
     count = chunks["count"].astype(np.uint8)
     read = count > 0
     read[read] = reason[chunks["first"][read]] != projection.UNREAD
-    turn = _turns(count)
+    turn = chunk_turns(count)
     order = np.argsort(turn)
     arrival = np.lexsort((pairs.supertile, turn[pairs.splat]))
     classes = np.full(len(reason), geometry.VISIBLE, np.uint8)
@@ -161,11 +195,12 @@ def super_trace(
         np.unpackbits(pairs.levels[:, None], axis=1).sum(1).astype(np.uint8), np.diff(e.start).astype(np.int32),
         r.header[:, 1] != 0, pairs.intersection.astype(np.int32), e.use,
         np.ones(len(e.use), np.uint8) if frame.regions is None else frame.regions,
-        np.stack([stop_entries(frame, stream) for stream in range(frame.config.streams)]), len(np.unique(pairs.splat)),
+        np.stack([stop_entries(frame, q) for q in range(frame.config.streams)]) if stop is None else stop,
+        pack_frame(display_bytes(display_pixels(frame))).sizes.astype(np.uint8), len(np.unique(pairs.splat)),
         int(e.filtered), dict(record or {}), seconds + work_clock() - begin)
 
 
-def _turns(count: np.ndarray) -> np.ndarray:
+def chunk_turns(count: np.ndarray) -> np.ndarray:
     """(N,) int64, the place of each Gaussian in the order in which the first phase would read all of them, from the numbers of
     Gaussians of the chunks."""
     order, count = chunk_order(len(count)), count.astype(np.int64)
@@ -190,7 +225,7 @@ def _steps(frame: pipeline.Frame, order: np.ndarray) -> tuple[np.ndarray, np.nda
     ends = np.minimum(pairs.supertile // -(-tiles_x // SUPER_X) * SUPER_Y + SUPER_Y - 1, last[pairs.splat])
     step_pairs = np.bincount(begin[pairs.splat] + (ends - first[pairs.splat]) // SUPER_Y, minlength=total).astype(np.uint8)
     low, high = np.full(total, tiles_x), np.full(total, -1)
-    touched = _touched(frame)
+    touched = touched_intersections(frame)
     row, column = np.divmod(np.repeat(np.arange(len(touched.start) - 1), np.diff(touched.start)), tiles_x)
     step = begin[touched.splat] + (row - first[touched.splat]) // SUPER_Y
     np.minimum.at(low, step, column // LEVEL_GROUP)
@@ -201,7 +236,7 @@ def _steps(frame: pipeline.Frame, order: np.ndarray) -> tuple[np.ndarray, np.nda
     return np.append(steps, 1).astype(np.int32), np.append(groups, 1).astype(np.uint8), np.append(step_pairs, 0), closes
 
 
-def _touched(frame: pipeline.Frame) -> tile_test.Intersections:
+def touched_intersections(frame: pipeline.Frame) -> tile_test.Intersections:
     """The intersections of a frame before the foveation filter."""
     words = frame.words
     everywhere = replace(frame.registers, header=np.zeros_like(frame.registers.header))

@@ -32,6 +32,7 @@ from rtl.float.roots import FloatRsqrt, FloatSqrt
 from rtl.pixels.block_packer import BlockPacker
 from rtl.pixels.block_unpacker import BlockUnpacker
 from rtl.pixels.frame_packer import FramePacker
+from rtl.pixels.frame_reader import FrameReader
 from rtl.sort_tmu.chunk_sorter import ChunkSorter
 from rtl.sort_tmu.handover import DoubleBuffer, LineBuffer, handover
 from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
@@ -108,9 +109,9 @@ def _of_compact(config: AcceleratorConfig) -> AcceleratorConfig:
 
 
 def _of_supertiles(config: AcceleratorConfig) -> AcceleratorConfig:
-    """The machine, or where its lists are those of tiles the same one with super-tiles, V3's records and one eye."""
+    """The machine; where its lists are by tile the same one with super-tiles, V3's records, one eye and no lockstep."""
     return config if config.supertiles else config.with_(
-        order=V3.order, chunks=V3.chunks, records=V3.records, lists=V3.lists, stereo=False)
+        order=V3.order, chunks=V3.chunks, records=V3.records, lists=V3.lists, stereo=False, lockstep=False)
 
 
 def _of_streams(config: AcceleratorConfig) -> AcceleratorConfig:
@@ -187,6 +188,7 @@ UNITS: dict[str, Unit] = {
     "pixel_writer": Unit(PixelWriter, "finished rows of pixels to the frame in memory"),
     "block_packer": Unit(BlockPacker, "blocks of pixels into beats of a packed frame"),
     "frame_packer": Unit(FramePacker, "finished rows of pixels to a packed frame in memory"),
+    "frame_reader": Unit(FrameReader, "table and blocks of a packed frame from memory, for a display"),
     "block_unpacker": Unit(BlockUnpacker, "beats of a packed frame back to pixels, for a display"),
     "warp_divider": Unit(disparity_divider, "the divider that makes disparity from depth"),
     "warp_unit": Unit(lambda config: WarpUnit(config.with_(stereo=True)),

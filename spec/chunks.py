@@ -54,8 +54,8 @@ from what it is for the centre, because cutting `rotation` and `o` costs 2 each,
 rounded once more. CENTRE_MARGIN adds 16, so 7 are left for the quotient, the product and the difference behind them. s is too
 small by at most 6 of itself, and w is larger than h by 64 and more, because an extent has 8 bits. Cut, `near` only becomes
 smaller, and REACH_MARGIN covers what cutting and rounding take from `spread`. Where sums saturate, they do so for each of the
-chunk's splats, too. A mean saturates at 2^14 pixels, from where only a splat with WIDE_SPREAD comes back into a frame of at
-most 8,192 pixels. PAD covers the low-pass filter and the tile test's margins, and the 2 the two floors on the right.
+chunk's splats, too. A splat whose mean lies beyond the guard band is culled (`spec.guard_band`), and the test may read its
+chunk in vain. PAD covers the low-pass filter and the tile test's margins, and the 2 the two floors on the right.
 tests/golden/msv2_ref/test_chunk_test.py tries it on random models and cameras.
 """
 

@@ -1,10 +1,11 @@
 """AcceleratorConfig: the one parameter object from which the golden renderer, the RTL and the reports are made.
 
 V3 is our machine: the resources of the paper, a model in spatial order, read in chunks of compact records, and lists by
-super-tile (`spec.supertiles`). It renders one eye. DEFAULT is V3 with fewer front-end units and a narrower row. PAPER
-reproduces the machine of the paper (section 7, "Hardware Implementation"), whose lists belong to tiles; it and variants of it
-render two eyes. V3_STREAMS is V3 with four arrays. TINY, TINY_V3, TINY_STREAMS are for fast simulation. PRECISE, BALANCED and
-FAST are V3 with the word lengths and SH degrees that lost at most 0.01, 0.1 and 0.5 dB of PSNR on PAPER (docs/tradeoff.md).
+super-tile (`spec.supertiles`). Its RTL renders one eye. DEFAULT is V3 with fewer front-end units and a narrower row, HEADSET
+V3 with a wider one. V3_PACKED packs its frames (`spec.packed`), V3_STREAMS has four arrays. PAPER reproduces the machine of
+the paper (section 7, "Hardware Implementation"), whose lists belong to tiles; it and variants of it render two eyes. TINY,
+TINY_V3 and TINY_STREAMS are for fast simulation. PRECISE, BALANCED and FAST are V3 with the word lengths and SH degrees that
+lost at most 0.01, 0.1 and 0.5 dB of PSNR on PAPER (docs/tradeoff.md).
 """
 
 from __future__ import annotations
@@ -14,91 +15,7 @@ from typing import Any
 
 from spec.constants import ENTRY_BYTES, MAX_LEVELS, MAX_SH_DEGREE, SUPPORT_SIGMA, TILE
 from spec.formats import SQ, UQ, Fixed, SmallFloat
-
-
-@dataclass(frozen=True, kw_only=True)
-class NumberFormats:
-    """Every number format of the machine. docs/formats.md lists them with the records that use them; tests/ justify the widths.
-
-    The array works in the log2 domain: alpha = 2^(log2(opacity) - u^2 - v^2), where (u, v) is the pixel's offset from
-    the splat's mean times the upper Cholesky factor of the conic, scaled by `constants.EXPONENT_SCALE`.
-    """
-
-    position: SmallFloat = SmallFloat(sig_bits=20, exp_bits=8, bias=127)
-    """Means in memory, world units relative to the model's origin."""
-    scale: SmallFloat = SmallFloat(sig_bits=12, exp_bits=6, bias=40, signed=False)
-    """Standard deviations in memory, in world units; zero marks a degenerate axis."""
-    quaternion: Fixed = SQ(0, 13)
-    """Normalised quaternion components in memory."""
-    log2_opacity: Fixed = SQ(4, 10)
-    """log2 of the amplified opacity; values from -16 to 7 are in use."""
-    sh_dc: Fixed = SQ(2, 11)
-    """Base colour, SH_C0 * dc + 0.5, in memory; may be negative."""
-    sh_rest: Fixed = SQ(1, 10)
-    """Higher SH coefficients in memory."""
-    sh_basis: Fixed = SQ(0, 13)
-    """SH basis functions, below 0.75 in magnitude, and every intermediate number between a direction and its basis functions.
-
-    Rounding to `colour` alone causes an error of 0.2887 ulps (rms) of `colour`. With 13 fraction bits here the whole error is
-    0.291 ulps; with 12 it is 0.300.
-    """
-    view: SmallFloat = SmallFloat(sig_bits=20, exp_bits=8, bias=127)
-    """View transform and perspective division."""
-    work: SmallFloat = SmallFloat(sig_bits=18, exp_bits=8, bias=127)
-    """Covariance, conic and support arithmetic of projection and of the tile test."""
-    extent: SmallFloat = SmallFloat(sig_bits=9, exp_bits=5, bias=8, signed=False)
-    """Distance in pixels from a splat's mean to an edge of its bounding box, before the box is widened."""
-    mean2d: Fixed = SQ(14, 10)
-    """Projected means in pixels."""
-    conic: SmallFloat = SmallFloat(sig_bits=16, exp_bits=6, bias=63)
-    """Cholesky factors of the conic; at most EXPONENT_SCALE / sqrt(LOW_PASS) = 1.551, so the largest exponent is 0."""
-    colour: Fixed = UQ(1, 9)
-    """Colours of splats; they saturate."""
-    depth: Fixed = UQ(0, 14)
-    """Depth of a splat as a fraction of the frame's depth scale; it saturates."""
-    depth_key: Fixed = UQ(24, 0)
-    """Sort key: the number of ulps of the `view` format between the near plane and z. It covers 32 octaves at full precision
-    and saturates.
-
-    Correct order needs relative precision. A key of 20 bits, linear up to four times the 99th percentile of z, lost 11 dB in
-    garden_large, and needed registers that an outlier could spoil.
-    """
-    offset: Fixed = SQ(5, 14)
-    """u and v at the tile's centre; where this format saturates, the splat cannot touch the tile."""
-    factor: Fixed = SQ(1, 15)
-    """Cholesky factors as the slopes use them: the significand of a factor whose exponent is 0."""
-    exponent: Fixed = SQ(11, 14)
-    """Exponent of alpha in the log2 domain; differences are accumulated exactly over the tile."""
-    slope: Fixed = SQ(7, 14)
-    """First differences of the exponent."""
-    curvature: Fixed = SQ(3, 14)
-    """Second differences of the exponent."""
-    cut: Fixed = SQ(3, 10)
-    """Exponent below which a pixel skips the splat; the input of the exponential has the same fraction bits."""
-    alpha: Fixed = UQ(1, 12)
-    """Alpha, 0..1 inclusive."""
-    transmittance: Fixed = UQ(0, 15)
-    """Transmittance T; it starts at its largest value."""
-    weight: Fixed = UQ(0, 12)
-    """T * alpha as the accumulators use it; the weights of a pixel and its final T sum exactly to the first T."""
-    accumulator: Fixed = UQ(1, 14)
-    """Colour sums."""
-    depth_accumulator: Fixed = UQ(0, 18)
-    """Depth sums."""
-    chunk: SmallFloat = SmallFloat(sig_bits=14, exp_bits=8, bias=127)
-    """The chunk test (`spec.chunks`), whose margins cover the rounding of this format."""
-    plane: Fixed = SQ(6, 12)
-    """Coefficients of a tile's blend plane."""
-    blend_weight: Fixed = UQ(1, 8)
-    """Weight of the outer level in a blend tile, 0..1 inclusive."""
-    exp2_segments: int = 16
-    """Segments of the piecewise linear 2^x on [0, 1)."""
-
-    @property
-    def reach(self) -> Fixed:
-        """Distance of a row of pixels, or of an ellipse's edge, from a splat's mean: a difference of two `mean2d`."""
-        return SQ(self.mean2d.int_bits + 1, self.mean2d.frac_bits)
-
+from spec.number_formats import NumberFormats
 
 ORDERS = ("file", "spatial")
 """Orders of a model's Gaussians in memory; `golden.host.order` makes the second."""
@@ -170,7 +87,7 @@ class AcceleratorConfig:
         records: the format of a Gaussian in memory, "wide" or "compact"; the second needs chunks.
         lists: "tile": every tile has a list of its intersections, and splat records are stored in memory. "supertile": every
             super-tile has lists, and records are gathered and projected again (`spec.supertiles`); this needs compact records,
-            and the machine has one eye only. The five parameters below matter in such machines alone, `splat_cache_lines` in
+            and its RTL renders one eye only. The five parameters below matter in such machines alone, `splat_cache_lines` in
             the others alone.
         list_heads: number of lists, at least that of super-tiles in a frame of `row_width` by `row_width` pixels.
         buckets: whether a super-tile may have several lists, by depth.
@@ -178,6 +95,7 @@ class AcceleratorConfig:
         batch_places: number of splat records in each half of the batch buffer, a power of two.
         streams: number of arrays among which the cores are divided, 1 or 4. Each of four arrays renders a quarter of every tile
             and takes a stream of its own from the batch buffer (`spec.supertiles`).
+        packed: whether the machine can pack frames for displays (`spec.packed`); this needs lists by super-tile.
         formats: number formats.
     """
 
@@ -213,6 +131,7 @@ class AcceleratorConfig:
     header_lines: int = 256
     batch_places: int = 512
     streams: int = 1
+    packed: bool = False
     formats: NumberFormats = field(default_factory=NumberFormats)
 
     def __post_init__(self) -> None:
@@ -221,9 +140,8 @@ class AcceleratorConfig:
         if not self.name.isidentifier():
             raise ValueError(f"name must be an identifier, not {self.name!r}")
         for name, low, high in (
-            ("cores_x", 2, TILE), ("cores_y", 2, TILE), ("levels", 1, MAX_LEVELS),
-            ("sh_degree", 0, MAX_SH_DEGREE), ("culling_units", 1, MOST_CULLING_UNITS),
-            ("row_width", TILE, 8192), ("line_buffer_bytes", 64, 1 << 20),
+            ("cores_x", 2, TILE), ("cores_y", 2, TILE), ("levels", 1, MAX_LEVELS), ("sh_degree", 0, MAX_SH_DEGREE),
+            ("culling_units", 1, MOST_CULLING_UNITS), ("row_width", TILE, 8192), ("line_buffer_bytes", 64, 1 << 20),
             ("sort_buffer_bytes", 256, 1 << 24), ("merge_ways", 2, 32), ("splat_cache_lines", 4, 1 << 16),
             ("warp_lanes", 1, TILE), ("warp_columns", 4 * TILE, 8192), ("list_heads", 2, 1 << 14),
             ("header_lines", 4, 1 << 14), ("batch_places", 16, 4096), ("streams", 1, MOST_STREAMS),
@@ -243,12 +161,10 @@ class AcceleratorConfig:
             if getattr(self, name) & (getattr(self, name) - 1):
                 raise ValueError(f"{name} must be a power of two, not {getattr(self, name)!r}")
         for name in ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks", "buckets",
-                     "lockstep"):
+                     "lockstep", "packed"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"{name} must be a bool, not {getattr(self, name)!r}")
-        if self.warp_fill not in WARP_FILLS:
-            raise ValueError(f"warp_fill must be one of {', '.join(WARP_FILLS)}, not {self.warp_fill!r}")
-        for name, accepted in (("order", ORDERS), ("records", RECORDS), ("lists", LISTS)):
+        for name, accepted in (("warp_fill", WARP_FILLS), ("order", ORDERS), ("records", RECORDS), ("lists", LISTS)):
             if getattr(self, name) not in accepted:
                 raise ValueError(f"{name} must be one of {', '.join(accepted)}, not {getattr(self, name)!r}")
         if self.chunks and self.order != "spatial":
@@ -263,8 +179,9 @@ class AcceleratorConfig:
             raise ValueError("stereo must be False in a machine with lists by super-tile: `paper` renders two eyes")
         if self.streams not in (1, MOST_STREAMS):
             raise ValueError(f"streams must be 1 or {MOST_STREAMS}, not {self.streams!r}")
-        if self.streams > 1 and not self.supertiles:
-            raise ValueError(f"lists must be 'supertile' in a machine with streams, not {self.lists!r}")
+        for name, has in (("streams", self.streams > 1), ("packed frames", self.packed)):
+            if has and not self.supertiles:
+                raise ValueError(f"lists must be 'supertile' in a machine with {name}, not {self.lists!r}")
         if self.stereo and not self.depth:
             raise ValueError(f"depth must be True in a machine with stereo, not {self.depth!r}")
         sigma = self.support_sigma
@@ -377,9 +294,12 @@ PAPER_SMALL = PAPER.with_(name="paper_small", culling_units=2, row_width=1280, w
 V3 = PAPER.with_(name="v3", order="spatial", chunks=True, records="compact", lists="supertile")
 V3_RECORDS = V3.with_(name="v3_records", lists="tile")
 """Half of the way from PAPER to V3, which reports/v3.md measures: chunks of compact records, and lists by tile."""
+V3_PACKED = V3.with_(name="v3_packed", packed=True)
 V3_STREAMS = V3.with_(name="v3_streams", streams=4)
 TINY_STREAMS = TINY_V3.with_(name="tiny_streams", cores_x=8, cores_y=8, streams=4)
 DEFAULT = V3.with_(name="default", culling_units=2, row_width=1280)
+HEADSET = V3.with_(name="headset", row_width=2208, list_heads=2048)
+"""V3 for the eye of a headset, 2064 by 2208 pixels."""
 
 SHORT_FORMATS = NumberFormats(
     work=SmallFloat(sig_bits=12, exp_bits=8, bias=127), conic=SmallFloat(sig_bits=15, exp_bits=6, bias=63), factor=SQ(1, 14),
@@ -390,11 +310,13 @@ best choice for every accepted loss."""
 PRECISE = V3.with_(name="precise", formats=SHORT_FORMATS)
 BALANCED = PRECISE.with_(name="balanced", sh_degree=2)
 FAST = PRECISE.with_(name="fast", sh_degree=1)
+
 PRESETS = {config.name: config for config in (PRECISE, BALANCED, FAST)}
 """The configurations that `make tradeoff` recommends, in order of descending accuracy."""
+
 CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER, V3, *PRESETS.values())}
 
 MACHINES = CONFIGS | {config.name: config for config in (
-    TINY_V3, TINY_STREAMS, PAPER_BASE, PAPER_SMALL, V3_RECORDS, V3_STREAMS)}
+    TINY_V3, TINY_STREAMS, PAPER_BASE, PAPER_SMALL, V3_RECORDS, V3_PACKED, V3_STREAMS, HEADSET)}
 """What command lines take as a machine's name: those above, small ones for tests, the paper's baseline, PAPER with a smaller
 front end, and the steps from PAPER to V3 and beyond."""

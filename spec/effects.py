@@ -99,12 +99,25 @@ def with_two_eyes(config: AcceleratorConfig) -> AcceleratorConfig:
     """`config` with the warp unit, for frames of two eyes.
 
     Raises:
-        InputError: a machine with lists by super-tile renders one eye only.
+        InputError: a machine with lists by super-tile has no warp unit, and its RTL renders one eye only; the integer renderer
+            has joint frames (`spec.joint`).
     """
     if config.supertiles:
-        raise InputError(f"two eyes are not accepted: config {config.name!r} has lists by super-tile and renders one eye; "
-                         "config 'paper' renders two")
+        raise InputError(f"two eyes are not accepted: config {config.name!r} has lists by super-tile and its RTL renders one "
+                         "eye; config 'paper' renders two")
     return config.with_(stereo=True)
+
+
+def with_packed_frames(config: AcceleratorConfig) -> AcceleratorConfig:
+    """`config`, which packs frames.
+
+    Raises:
+        InputError: the machine does not pack frames.
+    """
+    if not config.packed:
+        raise InputError(f"pixels 'packed' are not accepted: config {config.name!r} packs no frames; config 'v3_packed' does, "
+                         "and so does a machine with lists by super-tile and `packed=true`")
+    return config
 
 
 def machine_with(config: AcceleratorConfig, active: Collection[str], sh_degree: int) -> AcceleratorConfig:

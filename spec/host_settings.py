@@ -49,9 +49,11 @@ class Limit:
 
 def with_every_register(config: AcceleratorConfig) -> tuple[AcceleratorConfig, AcceleratorConfig]:
     """Two machines that together have the registers of all machines with the same number formats: one with chunks and stereo,
-    and one with lists by super-tile, which excludes stereo. Registers of the second alone have the higher addresses."""
-    chunked = config.with_(lockstep=False, streams=1, lists="tile", order="spatial", chunks=True)
-    return chunked.with_(depth=True, stereo=True), chunked.with_(stereo=False, records="compact", lists="supertile")
+    and one with lists by super-tile, which excludes stereo, and packed frames. Registers of the second alone have the higher
+    addresses."""
+    chunked = config.with_(lockstep=False, streams=1, lists="tile", order="spatial", chunks=True, packed=False)
+    return chunked.with_(depth=True, stereo=True), chunked.with_(
+        stereo=False, records="compact", lists="supertile", packed=True)
 
 
 def settings(config: AcceleratorConfig) -> tuple[Setting, ...]:
@@ -81,7 +83,7 @@ def limits(config: AcceleratorConfig) -> tuple[Limit, ...]:
         Limit("height", 1, config.row_width, "1..row_width"),
         *([Limit("sh_degree", 0, config.sh_degree, f"0..{config.sh_degree}")] if config.sh_degree < MAX_SH_DEGREE else []),
         *([] if config.supertiles else [Limit("view_shift", 0, shift, f"0..{shift}")]),
-        *([Limit("display", 1, 1, "1 where `stereo` is", where="stereo")] if config.stereo else []),
+        *(Limit("display", 1, 1, f"1 where `{name}` is", where=name) for name in ("stereo", "packed") if getattr(config, name)),
     )
 
 

@@ -25,7 +25,8 @@ RECORD_FORMATS = ("wide records", "wide records in chunks", "compact records in 
 HEAD = (
     "magic", "version", "records", "fingerprint", "settings", "segments", "width", "height", "pixel_bytes", "frame", "memory")
 """Words of the head: `records` is the number of the record format, `settings` and `segments` are counts, width and height are
-pixels, `frame` is the byte address of the frame's pixels, and `memory` the number of bytes of memory that the frame needs."""
+pixels, `pixel_bytes` is 0 where the frame is packed, `frame` is the byte address of the frame's pixels, and `memory` the number
+of bytes of memory that the frame needs."""
 
 
 def record_format(config: AcceleratorConfig) -> int:

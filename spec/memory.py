@@ -14,7 +14,8 @@ All data moves in beats of 32 bytes, one LPDDR3 burst each, and every transactio
     entries     intersections (Intersection), 8 bytes each, in pages by tile; a directory of those pages has its own base; with
                 lists by super-tile, pairs in pages by list (`spec.supertiles`)
     spill       sorted runs of groups larger than the sort buffer
-    frame       FramePixel, 16 bytes per pixel, or DisplayPixel, 4 bytes per pixel, as `display` says; row-major
+    frame       FramePixel, 16 bytes per pixel, or DisplayPixel, 4 bytes per pixel, as `display` says; row-major;
+                or with `packed` a packed frame (`spec.packed`)
 
 A frame of two eyes has a second table and a second frame, of DisplayPixels, for the target eye. Splat records, intersections
 and spilled runs of the target eye replace those of the source eye, in the same regions.
@@ -216,6 +217,7 @@ def frame_settings(config: AcceleratorConfig) -> Record:
         *(_chunk_settings(config) if config.chunks else ()),
         *(_stereo_settings(config) if config.stereo else ()),
         *([beat("supertiles_base")] if config.supertiles else []),
+        *([Field("packed", uint(1), "1: the frame of DisplayPixels is packed (`spec.packed`)")] if config.packed else []),
     ))
 
 

@@ -45,7 +45,8 @@ MAGIC = 0x4D535632
 """The value of register `id`: "MSV2" in ASCII."""
 
 VERSION_MAJOR, VERSION_MINOR = 4, 0
-"""Of this map. A higher minor version only adds registers; machines with stereo have the next one, which is odd. In version 3
+"""Of this map. A higher minor version only adds registers; machines with stereo have the next one, which is odd, and machines
+that pack frames the one after. In version 3
 every machine had the settings, memory clients and counters of splat records in memory, which machines with lists by super-tile
 do not have, and `machine_frame` and `machine_cache` had one number each, which filled the register. Version 2 had
 no machines with chunks, whose settings and counters stand before those of stereo: these have moved. Version 1 had a field
@@ -160,7 +161,7 @@ EVENTS = {
     "points": "Gaussians read",
     "culled_near": "Gaussians culled because they lie at or before the near plane",
     "culled_faint": "Gaussians culled because they are too faint to be seen at any level",
-    "culled_outside": "Gaussians culled because their projection is degenerate or touches no tile of the frame",
+    "culled_outside": "Gaussians culled because they touch no tile of the frame, or their mean is out of `mean2d`'s range",
     "survivors": "Gaussians with at least one intersection",
     "entries": "intersections written to the tile lists, or, with super-tiles, those that pairs stand for",
     "filtered": "intersections that the foveation filter dropped",
@@ -276,18 +277,23 @@ def fingerprint(config: AcceleratorConfig) -> int:
     return int.from_bytes(hashlib.sha256(repr(config.with_(name="any")).encode()).digest()[:4], "little")
 
 
+def version_minor(config: AcceleratorConfig) -> int:
+    """The minor version of a machine's map."""
+    return VERSION_MINOR + config.stereo + 2 * config.packed
+
+
 def identity(config: AcceleratorConfig) -> dict[str, int]:
     """The values of a machine's identity registers, by name."""
     parts = {
         "machine_array": (
             config.cores_x, config.cores_y, config.levels, config.depth, config.incremental, config.counters, config.stereo,
-            config.sh_degree, config.blend, config.chunks, config.compact, config.supertiles, config.streams > 1),
+            config.sh_degree, config.blend, config.chunks, config.compact, config.supertiles, config.packed,
+            config.streams > 1),
         "machine_units": (config.culling_units, config.merge_ways, config.warp_lanes if config.stereo else 0),
         "machine_frame": (config.row_width, *((config.list_heads, config.buckets) if config.supertiles else (0, 0))),
         "machine_cache": (config.header_lines, config.batch_places) if config.supertiles else (config.splat_cache_lines, 0),
     }
-    version = VERSION_MAJOR << 16 | VERSION_MINOR + config.stereo
-    values = {"id": MAGIC, "version": version, "fingerprint": fingerprint(config)}
+    values = {"id": MAGIC, "version": VERSION_MAJOR << 16 | version_minor(config), "fingerprint": fingerprint(config)}
     for register in _IDENTITY:
         if register.name in parts:
             values[register.name] = sum(
@@ -308,6 +314,7 @@ _IDENTITY = (
         Bits("blend", 26, 1, "tiles may blend two levels, where the machine has more than one"),
         Bits("chunks", 27, 1, "Gaussians are read in chunks"), Bits("compact", 28, 1, "records are compact"),
         Bits("supertiles", 29, 1, "lists by super-tile; no splat record is stored"),
+        Bits("packed", 30, 1, "frames for displays may be packed"),
         Bits("streams", 31, 1, "four arrays, each with a stream of its own"))),
     Register("machine_units", 0x010, Access.READ_ONLY, "parameters of the units around the array", (
         Bits("culling_units", 0, 8, "culling and conversion units"), Bits("merge_ways", 16, 8, "runs merged at a time"),

@@ -229,15 +229,16 @@ PACKED_STAGES = (
         "frame_pack", "Frame packing", StagePhase.RENDERING,
         "Finished rows of pixels are packed in blocks and written to the frame in memory, in place of `pixel_write`.",
         golden=("golden.msv2_ref.frame_packing",),
-        rtl=("rtl.pixels.block_rows", "rtl.pixels.block_differences", "rtl.pixels.block_packer", "rtl.pixels.frame_packer"),
+        rtl=("rtl.pixels.block_rows", "rtl.pixels.block_differences", "rtl.pixels.block_packer", "rtl.pixels.frame_packer",
+             "rtl.pixels.frame_writer"),
         units=("block_packer", "frame_packer"),
         suites=("tb.pixels.packer_suite",), test="frame_packer"),
     Stage(
         "frame_unpack", "Frame unpacking", StagePhase.RENDERING,
         "A display's side: blocks of a packed frame become rows of pixels, and damaged blocks are named.",
         golden=("golden.host.packed_frame",),
-        rtl=("rtl.pixels.block_unpacker",),
-        units=("block_unpacker",),
+        rtl=("rtl.pixels.frame_reader", "rtl.pixels.block_unpacker"),
+        units=("frame_reader", "block_unpacker"),
         suites=("tb.pixels.unpacker_suite",), test="frame_unpacker"),
 )
 """The stages of packed frames (`spec.packed`)."""

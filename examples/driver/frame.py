@@ -2,6 +2,7 @@
 
     python examples/driver/frame.py
     python examples/driver/frame.py --config tiny_v3 --frames 3
+    python examples/driver/frame.py --config tiny_v3_packed     # packed frames, which the driver's unpacker unpacks
 
 The first run of a machine builds its simulator, which takes minutes; later ones take seconds. Frames follow each other without
 a reset, seen by one camera after the other, and machines with lists by super-tile keep what they have learnt from the frame
@@ -20,9 +21,12 @@ import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from frame_image import write_frame_image
 
+from golden.host.memory_image import DisplayPixels, MemoryImage, PackedPixels
 from golden.msv2_ref.batches import following
+from golden.msv2_ref.frame_memory import display_pixels
 from golden.msv2_ref.pipeline import Frame, render
 from golden.scenes.embedded.splats import cached_embedded_model
 from golden.scenes.embedded.views import embedded_cameras
@@ -31,15 +35,16 @@ from golden.scenes.request import make_folder
 from msv2.verilog.export import export
 from spec.config import TINY, TINY_V3, AcceleratorConfig
 from spec.errors import InputError, run_command_line
+from spec.memory import DISPLAY_PIXEL_BYTES
 from spec.paths import DOCS
 from tb.common.runner import VERILATOR, check_tools, verilator_environment
 from tb.frame.whole import picture
-from tb.top.check import expected_events, mismatches
+from tb.top.check import differences, expected_events, mismatches
 
 HERE = Path(__file__).resolve().parent
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Wstrict-prototypes", "-Werror", "-O2")
-C_SOURCES = ("msv2_driver.c", "demo.c")
-MACHINES = {config.name: config for config in (TINY, TINY_V3)}
+C_SOURCES = ("msv2_driver.c", "msv2_packed.c", "demo.c")
+MACHINES = {config.name: config for config in (TINY, TINY_V3, TINY_V3.with_(name="tiny_v3_packed", packed=True))}
 CAMERAS = 8
 """Cameras of the embedded scene's orbit."""
 
@@ -65,7 +70,8 @@ def build(config: AcceleratorConfig, folder: Path) -> Path:
     check_tools()
     machine = export(config, folder / "verilog")
     simulator, stamp, log = folder / "model" / "simulation", folder / "built", folder / "build.log"
-    sources = [*(HERE / name for name in ("msv2_driver.h", "demo.h", *C_SOURCES, "simulation.cpp")), DOCS / "msv2_registers.h",
+    headers = ("msv2_driver.h", "msv2_packed.h", "demo.h")
+    sources = [*(HERE / name for name in (*headers, *C_SOURCES, "simulation.cpp")), DOCS / "msv2_registers.h",
                *sorted((folder / "verilog").rglob("*.v"))]
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
     if simulator.is_file() and stamp.is_file() and stamp.read_text() == digest:
@@ -101,6 +107,13 @@ def wrong_counts(frame: Frame, said: str) -> list[str]:
     events = expected_events(frame) | {"frames": 1}
     return [f"counter {name} must be {events[name]}, not {count}" for name, count in found.items()
             if events.get(name, count) != count]
+
+
+def unpacked(image: MemoryImage, path: Path) -> DisplayPixels:
+    """The pixels that the driver's unpacker made of a packed frame, which follow it in the file."""
+    pixels = image.width * image.height * DISPLAY_PIXEL_BYTES
+    data = np.fromfile(path, np.uint8)[-pixels:].reshape(image.height, image.width, DISPLAY_PIXEL_BYTES).astype(np.int64)
+    return DisplayPixels(data[..., :3], data[..., 3])
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -139,6 +152,8 @@ def rendered(simulator: Path, config: AcceleratorConfig, out: Path, size: int, c
         pixels = image.frame(out / f"frame{number}.bin")
         save_png(out / f"frame{number}.png", picture(frame, pixels))
         counts, values = wrong_counts(frame, said), mismatches(frame, pixels)
+        if isinstance(pixels, PackedPixels):
+            values += differences(display_pixels(frame), unpacked(image, out / f"frame{number}.bin"))
         for line in counts:
             print(line)
         lists = f", {frame.bounds.lists} lists" if frame.bounds else ""

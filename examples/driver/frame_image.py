@@ -38,12 +38,13 @@ def frame_image_bytes(image: MemoryImage) -> bytes:
 
 
 def write_frame_image(frame: Frame, path: Path) -> MemoryImage:
-    """Writes the image of a golden frame for displays, with exactly as much memory as it needs, and returns it.
+    """Writes the image of a golden frame for displays, with exactly as much memory as it needs, and returns it. The frame of a
+    machine that packs frames is packed.
 
     Raises:
         InputError: the folder does not exist or is not writable.
     """
-    image = frame_run(frame, None, display=True).image
+    image = frame_run(frame, None, display=True, packed=frame.config.packed).image
     with atomic_output(path) as file:
         file.write(frame_image_bytes(image))
     return image

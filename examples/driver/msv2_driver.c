@@ -9,7 +9,7 @@
  *
  *     word  0  magic               6  width in pixels     settings   offset of the register and its value, for each
  *           1  version             7  height in pixels    segments   address, bytes, and where they begin in the file, for each
- *           2  record format       8  bytes of a pixel    contents
+ *           2  record format       8  bytes of a pixel    contents         (0 where the frame is packed)
  *           3  fingerprint         9  address of the frame
  *           4  settings           10  bytes of memory
  *           5  segments
@@ -62,6 +62,7 @@ enum msv2_result msv2_probe(void *port, struct msv2_machine *machine)
     machine->chunks = (array & MSV2_MACHINE_ARRAY_CHUNKS_MASK) != 0;
     machine->compact = (array & MSV2_MACHINE_ARRAY_COMPACT_MASK) != 0;
     machine->supertiles = (array & MSV2_MACHINE_ARRAY_SUPERTILES_MASK) != 0;
+    machine->packed = (array & MSV2_MACHINE_ARRAY_PACKED_MASK) != 0;
     machine->counters = (array & MSV2_MACHINE_ARRAY_COUNTERS_MASK) != 0;
     machine->row_width = part(msv2_read(port, MSV2_MACHINE_FRAME), MSV2_MACHINE_FRAME_ROW_WIDTH_MASK,
                               MSV2_MACHINE_FRAME_ROW_WIDTH_SHIFT);

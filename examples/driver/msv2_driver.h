@@ -73,6 +73,7 @@ struct msv2_machine {
     int compact;        /* whether it reads compact records */
     int counters;       /* whether it has counters; without them all counts are 0 */
     int supertiles;     /* whether its lists belong to super-tiles */
+    int packed;         /* whether it can pack frames */
 };
 
 /* A frame image in memory. It points into the bytes given to msv2_image_open, which must stay where they are. */
@@ -81,7 +82,8 @@ struct msv2_image {
     uint32_t setting_count, segment_count;
     uint32_t records; /* enum msv2_records */
     uint32_t fingerprint;
-    uint32_t width, height, pixel_bytes;
+    uint32_t width, height;
+    uint32_t pixel_bytes; /* 0: the frame is packed, and msv2_unpack_frame (msv2_packed.h) gives its pixels */
     uint32_t frame;  /* where the pixels will be, in bytes from the start of the image in memory; rows without gaps */
     uint32_t memory; /* bytes of memory that the frame needs from there on */
 };

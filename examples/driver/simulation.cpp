@@ -3,6 +3,7 @@
 //     simulation ADDRESS TIMEOUT IMAGE FRAME [IMAGE FRAME ...]
 //
 // Runs demo() on each frame image IMAGE in turn, at byte address ADDRESS, and writes the memory of its frame to the file FRAME.
+// Behind a packed frame follow its pixels, as msv2_unpack_frame gives them; a damaged one ends with exit status 97.
 // There is no reset between frames, and none that fails is followed by another. A millisecond of the driver's timeout is
 // 100,000 cycles here. The exit status is demo's; 99: the bus broke a rule.
 // SPDX-License-Identifier: Apache-2.0
@@ -18,6 +19,7 @@
 
 #include "Vmachine.h"
 #include "demo.h"
+#include "msv2_packed.h"
 #include "verilated.h"
 
 namespace {
@@ -244,10 +246,24 @@ int main(int argc, char **argv) {
         const Image &image = images[place];
         const int result = demo(&simulation, image.bytes.data(), image.size(), address, timeout);
         if (result != 0) return result;
-        const size_t pixels = static_cast<size_t>(image.head.width) * image.head.height * image.head.pixel_bytes;
-        const uint8_t *frame = simulation.memory.at(static_cast<uint64_t>(address) + image.head.frame, pixels);
+        const uint32_t width = image.head.width, height = image.head.height;
+        const size_t pixels = static_cast<size_t>(width) * height;
+        const bool packed = image.head.pixel_bytes == 0;
+        const size_t bytes = packed ? msv2_packed_bytes(width, height) : pixels * image.head.pixel_bytes;
+        const uint8_t *frame = simulation.memory.at(static_cast<uint64_t>(address) + image.head.frame, bytes);
         std::ofstream out(argv[4 + 2 * place], std::ios::binary);
-        out.write(reinterpret_cast<const char *>(frame), static_cast<long>(pixels));
+        out.write(reinterpret_cast<const char *>(frame), static_cast<long>(bytes));
+        if (packed) {
+            std::vector<uint8_t> unpacked(4 * pixels);
+            msv2_packed_damage damage{};
+            if (msv2_unpack_frame(frame, static_cast<uint32_t>(bytes), width, height, unpacked.data(), &damage) !=
+                MSV2_PACKED_WHOLE) {
+                std::fprintf(stderr, "%u blocks are damaged; block %u: error %d\n", static_cast<unsigned>(damage.blocks),
+                             static_cast<unsigned>(damage.block), static_cast<int>(damage.error));
+                return 97;
+            }
+            out.write(reinterpret_cast<const char *>(unpacked.data()), static_cast<long>(unpacked.size()));
+        }
     }
     return 0;
 }

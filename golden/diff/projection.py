@@ -20,6 +20,7 @@ from golden.diff.projection_cpu import FRAME_SLACK, project_backward, project_fo
 from golden.scenes.camera import Camera
 from golden.scenes.model import SH_REST_COUNT
 from spec.constants import ALPHA_MIN, FRUSTUM_MARGIN, LOW_PASS, SH_C0
+from spec.guard_band import MEAN_RANGE, Range
 from spec.harmonics import C1, C2, C2_Z, C3_0, C3_1, C3_2, C3_3
 
 
@@ -61,9 +62,10 @@ class _View:
     lowest: torch.Tensor
     highest: torch.Tensor
     frame: tuple[int, int]
+    mean_range: Range
 
 
-def _view(camera: Camera, device: torch.device) -> _View:
+def _view(camera: Camera, device: torch.device, mean_range: Range) -> _View:
     def tensor(values: object) -> torch.Tensor:
         return torch.tensor(np.asarray(values), dtype=torch.float32, device=device)
 
@@ -73,7 +75,7 @@ def _view(camera: Camera, device: torch.device) -> _View:
     return _View(
         tensor(camera.rotation), tensor(eye), tensor(camera.position - eye), tensor(focal), tensor(centre),
         tensor(-FRUSTUM_MARGIN * centre / focal), tensor(FRUSTUM_MARGIN * (size - centre) / focal),
-        (camera.width, camera.height))
+        (camera.width, camera.height), mean_range)
 
 
 def _offset(view: _View, means: torch.Tensor) -> torch.Tensor:
@@ -128,14 +130,15 @@ def _meets_frame(mean2d: torch.Tensor, factor: torch.Tensor, q_max: torch.Tensor
 
 @torch.no_grad()
 def _survivors(view: _View, near: float, gaussians: Gaussians, q_max: torch.Tensor) -> torch.Tensor:
-    """(M,) int64 rows that are finite, beyond the near plane, not transparent, and meet the frame."""
+    """(M,) int64 rows that are finite, beyond the near plane, not transparent, within the guard band, and meet the frame."""
     g = gaussians
     sums = [g.means.sum(1), g.quats.sum(1), g.opacity, g.log_amp, g.sh_dc.sum(1), g.sh_rest.sum((1, 2))]
     finite = torch.isfinite(sum(sums)) & (g.log_scales < math.inf).all(1)
     point = view.rotation @ _offset(view, g.means)
     _, xy, yy, determinant = _covariance(view, point, g.log_scales, g.quats)
     mean2d = point[:2] / point[2] * view.focal + view.centre
-    finite &= torch.isfinite(determinant) & torch.isfinite(mean2d).all(0)
+    low, high = view.mean_range
+    finite &= torch.isfinite(determinant) & ((low < mean2d) & (mean2d < high)).all(0)
     meets = _meets_frame(mean2d, _factor(xy, yy + LOW_PASS, determinant), q_max, view.frame)
     return torch.nonzero(finite & (point[2] > near) & (q_max >= 0) & meets).squeeze(1)
 
@@ -195,17 +198,20 @@ def check_gaussians(gaussians: Gaussians) -> None:
             raise ValueError(f"{field.name} must have shape {shapes[field.name]}, not {tuple(tensor.shape)!r}")
 
 
-def project(gaussians: Gaussians, camera: Camera, support_sigma: float | None) -> Projection:
+def project(
+    gaussians: Gaussians, camera: Camera, support_sigma: float | None, mean_range: Range = MEAN_RANGE,
+) -> Projection:
     """Projects the Gaussians that can change a pixel; the others get no gradient.
 
     Args:
         gaussians: the Gaussians.
         camera: the camera.
         support_sigma: Mahalanobis radius that bounds the support, or None for the bound on alpha alone.
+        mean_range: the guard band (`spec.guard_band`): pixels between which a projected mean must lie.
     """
     support = math.inf if support_sigma is None else support_sigma**2 / 2
     on_cpu = gaussians.device.type == "cpu"
-    splats = _project_kernels(gaussians, camera, support) if on_cpu else project_torch(gaussians, camera, support)
+    splats = (_project_kernels if on_cpu else project_torch)(gaussians, camera, support, mean_range)
     if splats.mean2d.requires_grad:
         splats.mean2d.retain_grad()
     return splats
@@ -241,15 +247,15 @@ def _arrays(tensors: Sequence[torch.Tensor]) -> tuple[np.ndarray, ...]:
     return tuple(np.ascontiguousarray(tensor.detach().numpy()) for tensor in tensors)
 
 
-def _project_kernels(gaussians: Gaussians, camera: Camera, support: float) -> Projection:
+def _project_kernels(gaussians: Gaussians, camera: Camera, support: float, mean_range: Range) -> Projection:
     extras: list[torch.Tensor] = []
-    splats = _Kernels.apply(*gaussians.tensors().values(), view_of(camera), support, extras)
+    splats = _Kernels.apply(*gaussians.tensors().values(), view_of(camera, mean_range), support, extras)
     return Projection(*splats, *extras)
 
 
-def project_torch(gaussians: Gaussians, camera: Camera, support: float) -> Projection:
+def project_torch(gaussians: Gaussians, camera: Camera, support: float, mean_range: Range = MEAN_RANGE) -> Projection:
     """As `project`, but in torch operations on any device; `support` bounds the falloff's exponent."""
-    view = _view(camera, gaussians.device)
+    view = _view(camera, gaussians.device, mean_range)
     with torch.no_grad():
         q_max = torch.log(gaussians.amplified_opacity / ALPHA_MIN).clamp(max=support)
         index = _survivors(view, camera.near, gaussians, q_max)

@@ -16,6 +16,7 @@ from golden.kernels import compiled
 from golden.oracle.ellipse import smallest_exponent
 from golden.scenes.camera import Camera
 from spec.constants import ALPHA_MIN, AMP_MAX, FRUSTUM_MARGIN, LOW_PASS, SH_C0
+from spec.guard_band import Range
 from spec.harmonics import C1, C2, C2_Z, C3_0, C3_1, C3_2, C3_3
 
 FRAME_SLACK = 1e-5
@@ -30,7 +31,8 @@ _kernel = compiled(nogil=True, error_model="numpy", fastmath={"contract", "reass
 
 
 class View(NamedTuple):
-    """A camera for the kernels, float64; `low` and `high` bound x/z and y/z in the Jacobian."""
+    """A camera for the kernels, float64; `low` and `high` bound x/z and y/z in the Jacobian, and means lie within
+    `mean_range`."""
 
     rotation: tuple[tuple[float, float, float], ...]
     eye: tuple[float, float, float]
@@ -40,16 +42,18 @@ class View(NamedTuple):
     high: tuple[float, float]
     size: tuple[float, float]
     near: float
+    mean_range: Range
 
 
-def view_of(camera: Camera) -> View:
-    """The numbers of a camera that the kernels need."""
+def view_of(camera: Camera, mean_range: Range) -> View:
+    """The numbers of a camera that the kernels need, and the guard band."""
     focal, centre, size = (camera.fx, camera.fy), (camera.cx, camera.cy), (camera.width, camera.height)
     low = tuple(float(-FRUSTUM_MARGIN * c / f) for c, f in zip(centre, focal, strict=True))
     high = tuple(float(FRUSTUM_MARGIN * (s - c) / f) for s, c, f in zip(size, centre, focal, strict=True))
     return View(
         tuple(tuple(map(float, row)) for row in camera.rotation), tuple(map(float, camera.position)),
-        tuple(map(float, focal)), tuple(map(float, centre)), low, high, tuple(map(float, size)), float(camera.near))
+        tuple(map(float, focal)), tuple(map(float, centre)), low, high, tuple(map(float, size)), float(camera.near),
+        mean_range)
 
 
 @_kernel
@@ -189,6 +193,8 @@ def _survey(_slice, begin, end, means, log_scales, quats, opacity, log_amp, sh_d
         x = point[0] / point[2] * view.focal[0] + view.centre[0]
         y = point[1] / point[2] * view.focal[1] + view.centre[1]
         if not (abs(x) + abs(y) < FARTHEST and determinant < FARTHEST * FARTHEST):
+            continue
+        if not (view.mean_range[0] < min(x, y) and max(x, y) < view.mean_range[1]):
             continue
         left, top = 0.5 - x, 0.5 - y
         nearest = smallest_exponent(left, top, left + view.size[0] - 1, top + view.size[1] - 1, factor)

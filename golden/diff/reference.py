@@ -30,6 +30,7 @@ from spec.constants import (
     T_STOP,
     TILE,
 )
+from spec.guard_band import MEAN_RANGE
 
 MEAN, FACTOR, OPACITY, COLOUR, DEPTH = slice(0, 2), slice(2, 5), slice(5, 6), slice(6, 9), slice(9, 10)
 """Columns of the row that describes a projected splat."""
@@ -70,7 +71,8 @@ def render(
 
 
 def _project(gaussians: Gaussians, camera: Camera, support: float) -> tuple[torch.Tensor, torch.Tensor]:
-    """Projects the Gaussians beyond the near plane that are not transparent, and sorts them front to back.
+    """Projects the Gaussians beyond the near plane that are not transparent and lie within the guard band, and sorts them
+    front to back.
 
     Returns:
         (M, 10) rows, see the columns above, and (M, 2) half the extent of their footprints in pixels.
@@ -78,8 +80,10 @@ def _project(gaussians: Gaussians, camera: Camera, support: float) -> tuple[torc
     like = gaussians.means
     rotation, translation = like.new_tensor(camera.rotation), like.new_tensor(camera.translation)
     with torch.no_grad():
-        z = like @ rotation[2] + translation[2]
-        shown = torch.nonzero((z > camera.near) & (gaussians.amplified_opacity >= ALPHA_MIN)).squeeze(1)
+        x, y, z = (like @ rotation.T + translation).unbind(1)
+        across, down, (low, high) = x / z * camera.fx + camera.cx, y / z * camera.fy + camera.cy, MEAN_RANGE
+        kept = (low < torch.minimum(across, down)) & (torch.maximum(across, down) < high)
+        shown = torch.nonzero(kept & (z > camera.near) & (gaussians.amplified_opacity >= ALPHA_MIN)).squeeze(1)
         shown = shown[torch.argsort(z[shown], stable=True)]
     g = gaussians.map(lambda tensor: tensor[shown])
     x, y, z = (g.means @ rotation.T + translation).unbind(1)

@@ -14,13 +14,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from golden.host.packed_frame import unpack_blocks
 from golden.host.quantise import GaussianWords
 from golden.host.registers import FrameRegisters
 from golden.host.stereo_registers import StereoRegisters
 from spec.chunks import chunk_header
 from spec.config import AcceleratorConfig
 from spec.constants import SUPER_X, SUPER_Y
-from spec.effects import with_two_eyes
+from spec.effects import with_packed_frames, with_two_eyes
 from spec.formats import SmallFloat
 from spec.memory import (
     BEAT_BYTES,
@@ -35,6 +36,7 @@ from spec.memory import (
     frame_settings,
     tile_setting,
 )
+from spec.packed import packed_beats
 from spec.packing import pack
 from spec.records import frame_lists, gaussian_colour, gaussian_geometry
 
@@ -78,6 +80,16 @@ class DisplayPixels(NamedTuple):
     coverage: np.ndarray
 
 
+class PackedPixels(NamedTuple):
+    """A packed frame from memory: `colour` and `coverage` as in DisplayPixels, `data` (beats, BEAT_BYTES) uint8, the region as
+    it is, and `errors` (blocks,) int64, a PackedError code for each block. The pixels of damaged blocks have no meaning."""
+
+    colour: np.ndarray
+    coverage: np.ndarray
+    data: np.ndarray
+    errors: np.ndarray
+
+
 @dataclass(frozen=True)
 class MemoryImage:
     """What the host puts into memory and registers for one frame.
@@ -109,16 +121,25 @@ class MemoryImage:
 
     @property
     def pixel_bytes(self) -> int:
-        """Number of bytes of one pixel of the frame."""
+        """Number of bytes of one pixel of the frame; 0 where the frame is packed."""
+        if self.packed:
+            return 0
         return DISPLAY_PIXEL_BYTES if self.settings["display"] else PIXEL_BYTES
+
+    @property
+    def packed(self) -> bool:
+        """Whether the frame is packed."""
+        return bool(self.settings.get("packed", 0))
 
     def write(self, name: str, path: Path) -> None:
         """Writes the contents of a region to a file in the order that Verilog's `$fread` expects: the highest byte of a beat
         first."""
         np.ascontiguousarray(self.contents[name][:, ::-1]).tofile(path)
 
-    def frame(self, path: Path) -> FramePixels | DisplayPixels:
+    def frame(self, path: Path) -> FramePixels | DisplayPixels | PackedPixels:
         """Reads the frame from a dump of the region `frames`; of a frame of two eyes, it reads the source eye's."""
+        if self.packed:
+            return read_packed(np.fromfile(path, np.uint8), self.width, self.height)
         return read_frame(
             self.config, np.fromfile(path, np.uint8), self.width, self.height, display=bool(self.settings["display"]))
 
@@ -134,6 +155,15 @@ class MemoryImage:
         """The region that holds the pixels of all eyes at the end."""
         first = self.regions["frame"]
         return Region(first.base, self.regions.get("target_frame", first).end - first.base)
+
+
+def lay_out(beats: Mapping[str, int]) -> dict[str, Region]:
+    """The regions of a memory, from their lengths in beats by the names in REGIONS."""
+    regions, base = {}, _FIRST_BEAT
+    for name in (name for name in REGIONS if name in beats):
+        regions[name] = Region(base, beats[name])
+        base += beats[name] + _GUARD_BEATS
+    return regions
 
 
 def view_shift(*registers: FrameRegisters) -> int:
@@ -174,8 +204,8 @@ def supertile_bytes(config: AcceleratorConfig, registers: FrameRegisters) -> np.
 
 def memory_image(
     config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters, *, entries_beats: int, spill_beats: int,
-    beta: int | None = None, obb: bool = False, display: bool = False, gaussians: Mapping[str, np.ndarray] | None = None,
-    second: StereoRegisters | None = None,
+    beta: int | None = None, obb: bool = False, display: bool = False, packed: bool = False,
+    gaussians: Mapping[str, np.ndarray] | None = None, second: StereoRegisters | None = None,
 ) -> MemoryImage:
     """Lays out the memory of a frame.
 
@@ -188,11 +218,12 @@ def memory_image(
         beta: merge threshold; 0 merges nothing, and None lets the machine choose it.
         obb: test tiles against bounding boxes instead of the exact ellipse.
         display: write the frame in the format for displays.
+        packed: pack the frame (`spec.packed`); it then has the format for displays.
         gaussians: `gaussian_bytes` of the words, where several frames share them.
         second: registers of the target eye, for a frame of two eyes; such a frame always has the format for displays.
 
     Raises:
-        InputError: two eyes are asked of a machine with super-tiles.
+        InputError: two eyes are asked of a machine with super-tiles, or a packed frame of a machine that packs none.
     """
     if second is not None:
         with_two_eyes(config)
@@ -204,18 +235,19 @@ def memory_image(
         display = True
     shift = view_shift(registers, *([second.target] if second else []))
     lists = frame_lists(config) if config.supertiles else len(registers.header)
+    if packed:
+        with_packed_frames(config)
+        display = True
     pixel_bytes = DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES
+    whole = -(-registers.width * registers.height * pixel_bytes // BEAT_BYTES)
     beats = {name: len(rows) for name, rows in contents.items()} | {
         "views": len(words.geometry) << shift, "directory": lists * DIRECTORY_BEATS, "entries": entries_beats,
-        "spill": spill_beats, "frame": -(-registers.width * registers.height * pixel_bytes // BEAT_BYTES)}
+        "spill": spill_beats, "frame": packed_beats(registers.width, registers.height) if packed else whole}
     if config.supertiles:
         del beats["views"]
     if second is not None:
         beats["target_frame"] = beats["frame"]
-    regions, base = {}, _FIRST_BEAT
-    for name in (name for name in REGIONS if name in beats):
-        regions[name] = Region(base, beats[name])
-        base += beats[name] + _GUARD_BEATS
+    regions = lay_out(beats)
     settings = {
         **_view_settings(config, registers), "gaussians": len(words.geometry), "sh_degree": words.sh_degree,
         "beta": beta or 0, "auto_beta": int(beta is None), "obb": int(obb), "display": int(display),
@@ -224,6 +256,8 @@ def memory_image(
     }
     if not config.supertiles:
         settings["view_shift"] = shift
+    if config.packed:
+        settings["packed"] = int(packed)
     if words.chunks is not None:
         settings["chunks"] = len(words.chunks)
     if config.stereo:
@@ -268,6 +302,13 @@ def read_frame(
     kinds = [(f.name, f"<u{f.format.width // 8}", (f.count,) if f.count > 1 else ()) for f in record.fields]
     pixels = data[: width * height * record.width // 8].view(np.dtype(kinds)).reshape(height, width)
     return kind(*(pixels[name].astype(np.int64) for name in kind._fields))
+
+
+def read_packed(data: np.ndarray, width: int, height: int) -> PackedPixels:
+    """A packed frame of so many pixels from its bytes, whether or not it is whole."""
+    pixels, errors = unpack_blocks(data, width, height)
+    beats = data[: BEAT_BYTES * packed_beats(width, height)].reshape(-1, BEAT_BYTES)
+    return PackedPixels(pixels[..., :3].astype(np.int64), pixels[..., 3].astype(np.int64), beats, errors)
 
 
 def spill_beats(config: AcceleratorConfig, group_counts: np.ndarray) -> int:

@@ -93,6 +93,14 @@ def _depths_in_view(mean, rotation, translation, near, fx, fy, cx, cy, width, he
     return found[:count]
 
 
+def depths_in_view(mean: np.ndarray, origin: np.ndarray, camera: Camera) -> np.ndarray:
+    """The z of the points in front of the camera and inside the widened frustum, in world units; the arguments are those of
+    `depth_far`."""
+    c = camera
+    translation = c.translation + c.rotation @ origin
+    return _depths_in_view(mean, c.rotation, translation, c.near, c.fx, c.fy, c.cx, c.cy, c.width, c.height)
+
+
 def depth_far(mean: np.ndarray, origin: np.ndarray, camera: Camera, per_near: float = 0.0) -> float:
     """The z at which depth saturates, from the points in front of the camera and inside the widened frustum.
 
@@ -109,9 +117,7 @@ def depth_far(mean: np.ndarray, origin: np.ndarray, camera: Camera, per_near: fl
     Returns:
         z in world units.
     """
-    c = camera
-    translation = c.translation + c.rotation @ origin
-    z = _depths_in_view(mean, c.rotation, translation, c.near, c.fx, c.fy, c.cx, c.cy, c.width, c.height)
+    c, z = camera, depths_in_view(mean, origin, camera)
     if not len(z):
         return 2 * c.near
     near, far = np.percentile(z, (DEPTH_NEAR_PERCENTILE, DEPTH_PERCENTILE))
@@ -138,6 +144,7 @@ def frame_registers(
     # Half an ulp of depth is far * 2^-(frac + 1). It moves a pixel at z by baseline_px / z^2 times as much.
     per_near = WARP_DEPTH_ERROR_PX * 2.0 ** (n.depth.frac_bits + 1) / baseline_px if baseline_px else 0.0
     far = depth_far(words.decoded.mean, words.origin, camera, per_near)
+    depth_scale = max(float(n.view.round(1 / far)), 2.0**n.view.exp_min)  # a scene of 1e38 units has no smaller one
     margin = FRUSTUM_MARGIN
     right, below = camera.width - camera.cx, camera.height - camera.cy
     limits = [-margin * camera.cx, margin * right, -margin * camera.cy, margin * below]
@@ -151,6 +158,6 @@ def frame_registers(
         centre=n.mean2d.quantise([camera.cx, camera.cy]), limits=n.view.round(limits),
         reach=n.view.round(reach), near=float(n.view.round(camera.near)),
         width=camera.width, height=camera.height,
-        depth_scale=float(n.view.round(1 / far)), depth_far=1 / float(n.view.round(1 / far)),
+        depth_scale=depth_scale, depth_far=1 / depth_scale,
         background=n.colour.quantise(background), header=np.stack([level, blend, (level > 0).astype(np.int64)], 1),
         plane=n.plane.quantise(foveation.plane.reshape(-1, 3)))

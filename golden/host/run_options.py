@@ -14,8 +14,8 @@ MACHINES = ("scene", "full")
 """`scene` is a machine with only the units that the frame needs; `full` has all units of the configuration, and some of them
 idle."""
 
-PIXELS = ("wide", "display")
-"""Formats of the frame in memory: FramePixel and DisplayPixel of `spec.memory`."""
+PIXELS = ("wide", "display", "packed")
+"""Formats of the frame in memory: FramePixel and DisplayPixel of `spec.memory`, and DisplayPixels packed (`spec.packed`)."""
 
 IDEAL, LPDDR3 = MEMORIES = ("ideal", "lpddr3")
 """Kinds of memory: `ideal` answers in order, with a bandwidth and a latency; `lpddr3` is four channels of DRAM, whose timing is
@@ -44,11 +44,12 @@ class RunOptions:
         incremental: whether stages hand over incrementally, or else whole groups through double buffers; None: as the
             configuration says.
         beta: merge threshold in intersections, 0 without merging; None: the machine finds it.
-        display: whether a pixel takes 4 bytes in memory instead of 16.
+        display: whether a pixel takes 4 bytes in memory instead of 16, or less where the frame is packed.
         latency: latency of the ideal memory in cycles.
         bytes_per_cycle: bandwidth of the ideal memory, for reads and writes together; None: one beat read and one beat written
             in every cycle.
         memory: one of MEMORIES. With `lpddr3`, latency and bandwidth have their defaults, and no effect.
+        packed: whether the frame is packed.
     """
 
     full: bool
@@ -59,6 +60,7 @@ class RunOptions:
     latency: int
     bytes_per_cycle: float | None
     memory: str = IDEAL
+    packed: bool = False
 
 
 def add_run_arguments(parser: argparse.ArgumentParser, *, memory: str | None = IDEAL) -> None:
@@ -93,6 +95,8 @@ def run_options(args: argparse.Namespace) -> RunOptions:
     """
     choice("machine", args.machine, MACHINES)
     pixels = choice("pixels", args.pixels or ("display" if args.stereo else "wide"), PIXELS)
+    if args.stereo and pixels == "packed":
+        raise InputError("pixels 'packed' is not accepted with --stereo: 'display' is")
     merge = parse_switch("merge", args.merge)
     incremental = None if args.pipeline is None else parse_switch("pipeline", args.pipeline)
     named = [name for name in OF_IDEAL if getattr(args, name) is not None]
@@ -103,8 +107,8 @@ def run_options(args: argparse.Namespace) -> RunOptions:
     if not 1 <= latency <= LONGEST_LATENCY:
         raise InputError(f"latency {latency} is not accepted: 1..{LONGEST_LATENCY} are")
     bandwidth = DRAM_BYTES_PER_CYCLE if args.bandwidth is None else parse_bandwidth(args.bandwidth)
-    return RunOptions(args.machine == "full", merge, incremental, parse_beta(args.beta, merge), pixels == "display",
-                      latency, bandwidth, memory)
+    return RunOptions(args.machine == "full", merge, incremental, parse_beta(args.beta, merge), pixels != "wide",
+                      latency, bandwidth, memory, pixels == "packed")
 
 
 def parse_beta(text: str, merge: bool) -> int | None:

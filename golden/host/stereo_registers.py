@@ -54,6 +54,19 @@ def disparity_scale(config: AcceleratorConfig, pair: StereoPair, depth_far: floa
     return min(scale, most)
 
 
+def target_registers(
+    config: AcceleratorConfig, source: FrameRegisters, words: GaussianWords, pair: StereoPair, foveation: FoveationMap,
+) -> FrameRegisters:
+    """The target eye's registers: those of the source with another position and another table of tiles; the arguments are those
+    of `stereo_registers`."""
+    n = config.formats
+    level, blend = foveation.tile_level.reshape(-1).astype(np.int64), foveation.blend.reshape(-1).astype(np.int64)
+    return replace(
+        source, position=n.view.round(pair.target.position - words.origin),
+        header=np.stack([level, blend, (level > 0).astype(np.int64)], 1),
+        plane=n.plane.quantise(foveation.plane.reshape(-1, 3), Rounding.HALF_UP))
+
+
 def stereo_registers(
     config: AcceleratorConfig, source: FrameRegisters, words: GaussianWords, pair: StereoPair, foveation: FoveationMap,
     warp: np.ndarray,
@@ -68,11 +81,6 @@ def stereo_registers(
         foveation: the target eye's tile levels and planes.
         warp: (tiles_y, tiles_x) bool: whether the tile may be warped.
     """
-    n = config.formats
-    level, blend = foveation.tile_level.reshape(-1).astype(np.int64), foveation.blend.reshape(-1).astype(np.int64)
-    target = replace(
-        source, position=n.view.round(pair.target.position - words.origin),
-        header=np.stack([level, blend, (level > 0).astype(np.int64)], 1),
-        plane=n.plane.quantise(foveation.plane.reshape(-1, 3), Rounding.HALF_UP))
+    target = target_registers(config, source, words, pair, foveation)
     return StereoRegisters(target, warp.reshape(-1).astype(np.int64), disparity_scale(config, pair, source.depth_far),
                            pair.source_eye == "right")

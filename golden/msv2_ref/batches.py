@@ -76,20 +76,21 @@ class Visits(NamedTuple):
     order: np.ndarray
 
 
-def cut_batches(start: np.ndarray, places: np.ndarray, batch_places: int) -> Batches:
+def cut_batches(start: np.ndarray, places: np.ndarray, batch_places: int, most: int = MAX_LEVELS) -> Batches:
     """The batches of a frame.
 
     Args:
         start: (super-tiles + 1,) first pair of each super-tile.
-        places: (P,) number of places of each pair, 1..MAX_LEVELS.
+        places: (P,) number of places of each pair, 1..most.
         batch_places: number of places of a batch.
+        most: most places of a pair.
     """
     total = np.concatenate(([0], np.cumsum(places)))
     supertiles, starts, finals = [], [], []
     for number, (begin, end) in enumerate(zip(start[:-1].tolist(), start[1:].tolist(), strict=True)):
         final = False
         while not final:
-            full = total[begin] + batch_places - MAX_LEVELS  # a batch ends with the pair after which it has more places
+            full = total[begin] + batch_places - most  # a batch ends with the pair after which it has more places
             after = min(int(np.searchsorted(total, full, "right")), end)
             final = after == end
             supertiles.append(number)

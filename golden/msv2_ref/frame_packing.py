@@ -14,6 +14,7 @@ from spec.packed import (
     BLOCK_GROUPS,
     BLOCK_HEIGHT,
     BLOCK_WIDTH,
+    BLOCKS,
     CHANNELS,
     CHECK_BITS,
     CODE_BITS,
@@ -120,6 +121,13 @@ def pack_frame(pixels: np.ndarray) -> PackedFrame:
     slots[~inside] = 0
     sizes = np.where(plain, SLOT_BEATS, -(-(HEADER_BYTES + total) // BEAT_BYTES)) * inside
     return PackedFrame(width, height, sizes, block_checks(slots, sizes), slots.reshape(count, SLOT_BEATS, BEAT_BYTES))
+
+
+def table_writes(tiles: np.ndarray) -> int:
+    """Beats of the table that the machine writes if the tiles of a frame, (tiles,) numbers, are packed in this order. Tiles
+    that follow each other share a write where their entries lie in the same beat."""
+    beats = np.asarray(tiles) // (ENTRIES // BLOCKS)
+    return int(np.count_nonzero(np.diff(beats))) + 1
 
 
 def _groups(blocks: np.ndarray) -> np.ndarray:

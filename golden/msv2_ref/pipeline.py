@@ -158,6 +158,22 @@ class Frame:
         return arrows[name]()
 
 
+def _check_size(config: AcceleratorConfig, camera: Camera) -> None:
+    if not (1 <= camera.width <= config.row_width and 1 <= camera.height <= config.row_width):
+        size = f"{camera.width}x{camera.height}"
+        raise InputError(f"frame size {size} is not accepted: config {config.name!r} takes 1..{config.row_width} pixels")
+
+
+def check_request(config: AcceleratorConfig, words: GaussianWords, camera: Camera, foveation: FoveationMap | None) -> None:
+    """Raises InputError where the frame is larger than the machine's rows, or more levels are asked for than machine and model
+    have."""
+    _check_size(config, camera)
+    supported = min(config.levels, words.levels)
+    if foveation is not None and foveation.levels > supported:
+        raise InputError(
+            f"{foveation.levels} levels are not accepted: config {config.name!r} and the model support {supported}")
+
+
 def render(
     model: GaussianModel | GaussianWords, camera: Camera, *, config: AcceleratorConfig = DEFAULT,
     foveation: FoveationMap | None = None, background: tuple[float, float, float] = (0.0, 0.0, 0.0), beta: int | None = None,
@@ -180,18 +196,13 @@ def render(
     Raises:
         InputError: the frame is larger than the machine's rows, or more levels are asked for than machine and model have.
     """
-    if not (1 <= camera.width <= config.row_width and 1 <= camera.height <= config.row_width):
-        size = f"{camera.width}x{camera.height}"
-        raise InputError(f"frame size {size} is not accepted: config {config.name!r} takes 1..{config.row_width} pixels")
+    _check_size(config, camera)
     seconds, clock = {}, work_clock
 
     begin = clock()
     words = model if isinstance(model, GaussianWords) else quantise_model(config, model)
+    check_request(config, words, camera, foveation)
     foveation = foveation or no_foveation(Display(camera.width, camera.height))
-    supported = min(config.levels, words.levels)
-    if foveation.levels > supported:
-        raise InputError(
-            f"{foveation.levels} levels are not accepted: config {config.name!r} and the model support {supported}")
     seconds["quantise"] = clock() - begin
 
     begin = clock()
@@ -225,12 +236,8 @@ def render_frame(
     seconds["sort"] = clock() - begin
 
     begin = clock()
-    opacity, bound = words.geometry["log2_opacity"], words.geometry["bound"]
-    tested = tile_test.tested_opacity(config, opacity, words.decoded.opacity)
-    entries = tile_test.tile_intersections(config, projected, tested, bound, registers, order, obb=obb, rendered=rendered)
-    counts, pairs, regions = np.diff(entries.start), None, None
-    if config.streams > 1:
-        regions = region_masks(config, projected, tested, registers, entries, obb=obb)
+    entries, regions = found_intersections(config, words, registers, projected, order, obb=obb, rendered=rendered)
+    counts, pairs = np.diff(entries.start), None
     if config.supertiles:
         pairs = find_pairs(registers, words.chunks, projected.depth_key, entries)
         bounds = bounds or no_bounds(len(pairs.start) - 1)
@@ -242,18 +249,54 @@ def render_frame(
     seconds["tiles"] = clock() - begin
 
     begin = clock()
-    colour = np.zeros((len(bound), words.levels, 3), np.int32)
-    colour[order] = splat_colours(config, words, registers, order)
-    significand, exponent = array.split_conic(config, projected.conic)
-    splats = array.ArraySplats(
-        projected.mean2d, significand, exponent, opacity[:, : words.levels].astype(np.int32), colour, projected.depth)
+    splats = array_splats(config, words, registers, projected, order)
     seconds["colour"] = clock() - begin
 
     begin = clock()
-    tile_y, tile_x = np.divmod(np.arange(len(registers.header)), registers.tiles_x)
-    header = np.ascontiguousarray(np.column_stack([tile_x, tile_y, registers.header[:, [0, 2, 1]]]))
-    work = array.TileWork(header, registers.plane, entries.start, entries.splat, entries.use)
-    pixels = array.render(config, splats, work, registers.background, rendered)
+    pixels = array_pixels(config, registers, splats, entries, rendered)
     seconds["array"] = clock() - begin
     return Frame(
         config, registers, words, projected, entries, groups, splats, pixels, seconds, rendered, pairs, bounds, regions)
+
+
+def found_intersections(
+    config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters, projected: projection.Projected,
+    order: np.ndarray, *, obb: bool, rendered: np.ndarray | None,
+) -> tuple[tile_test.Intersections, np.ndarray | None]:
+    """The intersections of a frame, and with several streams the streams that have each of them (`Frame.regions`).
+
+    Args:
+        config, words, registers, obb, rendered: see `render_frame`.
+        projected: the projection's result.
+        order: (visible,) int32 rows of the visible splats in rendering order.
+    """
+    tested = tile_test.tested_opacity(config, words.geometry["log2_opacity"], words.decoded.opacity)
+    entries = tile_test.tile_intersections(
+        config, projected, tested, words.geometry["bound"], registers, order, obb=obb, rendered=rendered)
+    if config.streams == 1:
+        return entries, None
+    return entries, region_masks(config, projected, tested, registers, entries, obb=obb)
+
+
+def array_splats(
+    config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters, projected: projection.Projected,
+    order: np.ndarray,
+) -> array.ArraySplats:
+    """All splats as the array reads them, with colours of the splats `order` for the camera of `registers`; the arguments are
+    as in `found_intersections`."""
+    colour = np.zeros((len(words.geometry), words.levels, 3), np.int32)
+    colour[order] = splat_colours(config, words, registers, order)
+    significand, exponent = array.split_conic(config, projected.conic)
+    opacity = words.geometry["log2_opacity"][:, : words.levels].astype(np.int32)
+    return array.ArraySplats(projected.mean2d, significand, exponent, opacity, colour, projected.depth)
+
+
+def array_pixels(
+    config: AcceleratorConfig, registers: FrameRegisters, splats: array.ArraySplats, entries: tile_test.Intersections,
+    rendered: np.ndarray | None = None,
+) -> array.Pixels:
+    """The pixels of a frame, from its splats and intersections; `rendered` is as in `render_frame`."""
+    tile_y, tile_x = np.divmod(np.arange(len(registers.header)), registers.tiles_x)
+    header = np.ascontiguousarray(np.column_stack([tile_x, tile_y, registers.header[:, [0, 2, 1]]]))
+    work = array.TileWork(header, registers.plane, entries.start, entries.splat, entries.use)
+    return array.render(config, splats, work, registers.background, rendered)

@@ -29,7 +29,8 @@ from spec.records import opacities_carried, projected_splat
 
 VISIBLE, NEAR, FAINT, OUTSIDE, UNREAD = 0, 1, 2, 3, 4
 REASONS = {NEAR: "near", FAINT: "opacity", OUTSIDE: "outside"}
-"""Why a Gaussian was culled: it lies at or behind the near plane, is too faint for an alpha of 1/255, or is off the frame.
+"""Why a Gaussian was culled: it lies at or behind the near plane, is too faint for an alpha of 1/255, or is outside: its box
+lies off the frame or its mean beyond the guard band (`spec.guard_band`).
 
 A Gaussian is UNREAD where the chunk test skipped its chunk. No unit sees it, so that no counter counts it."""
 
@@ -41,7 +42,8 @@ class Projected(NamedTuple):
         mean2d: (N, 2) int32 raw `mean2d`.
         conic: (N, 3) float64 values of the `conic` format.
         depth, depth_key: (N,) int32 raw.
-        box: (N, 4) int16, first and last tile column, first and last tile row of the footprint's bounding box.
+        box: (N, 4) int16, first and last tile column, first and last tile row of the footprint's bounding box; first > last
+            along an axis on which it lies off the frame.
     """
 
     reason: np.ndarray
@@ -64,6 +66,8 @@ class CullingConstants(NamedTuple):
     mean_one: float
     mean_min: float
     mean_max: float
+    band_low: float
+    band_high: float
     depth_one: float
     depth_max: float
     key_max: int
@@ -74,14 +78,15 @@ class CullingConstants(NamedTuple):
 
 @cache
 def culling_constants(config: AcceleratorConfig) -> CullingConstants:
-    """The constants of `config`; `faintest` and `widest` are raw numbers with the fraction bits of `cut`, which are
-    `log2_opacity`'s."""
+    """The constants of `config`. `faintest` and `widest` are raw numbers with the fraction bits of `cut`, which are
+    `log2_opacity`'s; a raw `mean2d` between `band_low` and `band_high`, without these two, lies within the guard band."""
     n = config.formats
     support = tables.support_exponent(config)
     return CullingConstants(
         to_view=round_to(n.view), to_work=round_to(n.work), to_conic=round_to(n.conic), to_extent=round_to(n.extent),
         low_pass=tables.scaled_low_pass(n), quat_ulp=2.0**-n.quaternion.frac_bits, mean_one=2.0**n.mean2d.frac_bits,
-        mean_min=float(n.mean2d.raw_min), mean_max=float(n.mean2d.raw_max), depth_one=2.0**n.depth.frac_bits,
+        mean_min=float(n.mean2d.raw_min), mean_max=float(n.mean2d.raw_max),
+        band_low=float(n.mean2d.raw_min), band_high=float(n.mean2d.raw_max), depth_one=2.0**n.depth.frac_bits,
         depth_max=float(n.depth.raw_max), key_max=n.depth_key.raw_max, cut_ulp=2.0**-n.cut.frac_bits,
         faintest=tables.log2_alpha_min(n), widest=1 << 30 if support is None else support)
 
@@ -187,6 +192,12 @@ def _to_pixels(slope, centre, k):
 
 
 @operation
+def _beyond(x, y, k):
+    """Whether a raw `mean2d` lies at the end of its range along an axis, where it may have been clamped."""
+    return not (k.band_low < x < k.band_high and k.band_low < y < k.band_high)
+
+
+@operation
 def _relative(x, y, z, px, py, pz, V):
     """World coordinates relative to the camera."""
     return rnd(x - px, V), rnd(y - py, V), rnd(z - pz, V)
@@ -268,13 +279,14 @@ def _project(
             x0, x1 = _tile_range(mx, block[_EXTENT + j], cam.width, k)
             y0, y1 = _tile_range(my, block[_EXTENT + _BLOCK + j], cam.height, k)
             box[i, 0], box[i, 1], box[i, 2], box[i, 3] = x0, x1, y0, y1
-            reason[i] = OUTSIDE if x0 > x1 or y0 > y1 else VISIBLE
+            reason[i] = OUTSIDE if x0 > x1 or y0 > y1 or _beyond(mx, my, k) else VISIBLE
             depth[i] = int(block[_DEPTH + j])
             depth_key[i] = min(pattern(view_depth[i], k.to_view) - cam.key_near, k.key_max)
 
 
 def project(
     config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters, rendered: np.ndarray | None = None,
+    read: np.ndarray | None = None,
 ) -> Projected:
     """Projects every Gaussian that is read: first the near test, which needs no division, then mean, conic, footprint and
     depth.
@@ -284,6 +296,7 @@ def project(
         words: the DRAM image.
         registers: the frame's registers.
         rendered: (tiles,) bool: tiles that are rendered, which the chunk test asks for; None: all.
+        read: (C,) bool: the chunks that are read; None: those that pass the chunk test.
     """
     count, r, k = len(words.geometry), registers, culling_constants(config)
     out = Projected(
@@ -297,7 +310,7 @@ def project(
     near, faint = ~(view_depth > r.near), d.opacity < k.faintest
     out.reason[faint], out.reason[near] = FAINT, NEAR
     if words.chunks is not None:
-        read = read_chunks(config, words.chunks, registers, rendered)
+        read = read_chunks(config, words.chunks, registers, rendered) if read is None else read
         out.reason[~read_points(words.chunks, read, count)] = UNREAD
     rows = np.flatnonzero(out.reason == VISIBLE)
     for_slices(_project, len(rows), rows, view_depth, d.mean, d.scale, d.quat, d.opacity, camera, k, *out)

@@ -7,14 +7,23 @@ import numpy as np
 from golden.msv2_ref.batches import FrameBatches
 from golden.msv2_ref.frame_memory import splat_records
 from golden.msv2_ref.pipeline import Frame
-from golden.msv2_ref.projection import VISIBLE
+from golden.msv2_ref.projection import OUTSIDE, VISIBLE, Projected
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
-from spec.saturations import SATURATIONS, Saturation, limits
+from spec.saturations import POINTS, SATURATIONS, Saturation, limits
+
+
+def misplaced(projected: Projected) -> np.ndarray:
+    """(N,) bool: the Gaussians that are culled as outside although their box meets the frame: their mean lies beyond the guard
+    band."""
+    met = (projected.box[:, ::2] <= projected.box[:, 1::2]).all(axis=1)
+    return (projected.reason == OUTSIDE) & met
 
 
 def transferred(frame: Frame, saturation: Saturation) -> np.ndarray:
-    """(records, ...) raw values of the field that a saturation watches, in the records that its stream transfers."""
+    """(records, ...) raw values of the field that a saturation watches, in what its place counts or its stream transfers."""
+    if saturation.stream == POINTS:
+        return getattr(frame.projected, saturation.field)[misplaced(frame.projected)]
     if saturation.stream == "splats":  # as `projection.projected_splats` makes them
         return getattr(frame.projected, saturation.field)[frame.projected.reason == VISIBLE]
     if frame.config.supertiles:  # one for each level of the tiles that a pair stands for

@@ -67,10 +67,18 @@ class Pairs(NamedTuple):
         return np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
 
 
-def super_grid(registers: FrameRegisters) -> SuperGrid:
-    """How the tiles of a frame lie in super-tiles."""
-    columns, rows = -(-registers.tiles_x // SUPER_X), -(-registers.tiles_y // SUPER_Y)
+def super_grid(registers: FrameRegisters, origin: int = 0, columns: int | None = None) -> SuperGrid:
+    """How the tiles of a frame lie in super-tiles.
+
+    Args:
+        registers: the frame's registers.
+        origin, columns: in joint frames (`spec.joint`), the columns of tiles by which the eye's frame lies right of the first
+            super-tile's left edge, and the columns of super-tiles; None: as many as the frame has.
+    """
+    columns = -(-(registers.tiles_x + origin) // SUPER_X) if columns is None else columns
+    rows = -(-registers.tiles_y // SUPER_Y)
     tile_y, tile_x = np.divmod(np.arange(registers.tiles_x * registers.tiles_y), registers.tiles_x)
+    tile_x += origin
     supertile = tile_y // SUPER_Y * columns + tile_x // SUPER_X
     place = tile_y % SUPER_Y * SUPER_X + tile_x % SUPER_X
     tile = np.full((columns * rows, SUPER_TILES), -1, np.int64)
@@ -98,6 +106,56 @@ def chunk_order(chunks: int) -> np.ndarray:
     return order[order < chunks]
 
 
+class EyePairs(NamedTuple):
+    """The pairs of a frame or of an eye, in rendering order.
+
+    Attributes:
+        key: (P,) int64, super-tile * number of ranked splats + rank of the splat; increasing.
+        mask: (P,) uint16, as in `Pairs`.
+        levels: (P,) uint8, as in `Pairs`.
+        intersection: (E,) int64, as in `Pairs`.
+    """
+
+    key: np.ndarray
+    mask: np.ndarray
+    levels: np.ndarray
+    intersection: np.ndarray
+
+
+def ranked_splats(depth_key: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The order of the splats that are `seen`, (N,) bool: their rows by depth key and index; and (N,) int64, the place of each
+    of them in this order, 0 for others."""
+    splats = np.flatnonzero(seen)
+    ranked, rank = splats[np.argsort(depth_key[splats], kind="stable")], np.zeros(len(depth_key), np.int64)
+    rank[ranked] = np.arange(len(ranked))
+    return ranked, rank
+
+
+def eye_pairs(
+    registers: FrameRegisters, grid: SuperGrid, rank: np.ndarray, ranked: int, entries: Intersections,
+) -> EyePairs:
+    """The pairs of a frame, or of an eye of a joint frame.
+
+    Args:
+        registers: the frame's registers.
+        grid: how its tiles lie in super-tiles.
+        rank: (N,) the place of each splat in the order of depth key and index. ranked: how many have one.
+        entries: the frame's intersections, within a tile in this order.
+    """
+    tile = np.repeat(np.arange(len(grid.supertile)), np.diff(entries.start))
+    key = grid.supertile[tile] * max(ranked, 1) + rank[entries.splat]
+    order = np.argsort(key, kind="stable")  # tiles' lists are sorted already, so the sort has only to merge them
+    new = np.diff(key[order], prepend=-1) > 0
+    first = np.flatnonzero(new)
+    pair_of = np.empty(len(key), np.int64)
+    pair_of[order] = np.cumsum(new) - 1
+    mask, levels = np.zeros(len(first), np.uint16), np.zeros(len(first), np.uint8)
+    if len(first):
+        mask = np.bitwise_or.reduceat((1 << grid.place[tile[order]]).astype(np.uint16), first)
+        levels = np.bitwise_or.reduceat((1 << registers.header[tile[order], 0]).astype(np.uint8), first)
+    return EyePairs(key[order[first]], mask, levels, pair_of)
+
+
 def find_pairs(
     registers: FrameRegisters, chunks: np.ndarray, depth_key: np.ndarray, entries: Intersections,
 ) -> Pairs:
@@ -111,24 +169,12 @@ def find_pairs(
     """
     grid, seen = super_grid(registers), np.zeros(len(depth_key), bool)
     seen[entries.splat] = True
-    splats = np.flatnonzero(seen)
-    rank = np.zeros(len(depth_key), np.int64)  # place in the order of depth key and index
-    rank[splats[np.argsort(depth_key[splats], kind="stable")]] = np.arange(len(splats))
-    tile = np.repeat(np.arange(len(grid.supertile)), np.diff(entries.start))
-    key = grid.supertile[tile] * max(len(splats), 1) + rank[entries.splat]
-    order = np.argsort(key, kind="stable")  # tiles' lists are sorted already, so the sort has only to merge them
-    new = np.diff(key[order], prepend=-1) > 0
-    first = np.flatnonzero(new)
-    pair_of = np.empty(len(key), np.int64)
-    pair_of[order] = np.cumsum(new) - 1
-    mask, levels = np.zeros(len(first), np.uint16), np.zeros(len(first), np.uint8)
-    if len(first):
-        mask = np.bitwise_or.reduceat((1 << grid.place[tile[order]]).astype(np.uint16), first)
-        levels = np.bitwise_or.reduceat((1 << registers.header[tile[order], 0]).astype(np.uint8), first)
-    splat = entries.splat[order[first]]
-    counts = np.bincount(grid.supertile[tile[order[first]]], minlength=len(grid.tile))
+    ranked, rank = ranked_splats(depth_key, seen)
+    found = eye_pairs(registers, grid, rank, len(ranked), entries)
+    supertile, place = np.divmod(found.key, max(len(ranked), 1))
+    counts, splat = np.bincount(supertile, minlength=len(grid.tile)), ranked[place].astype(np.int32)
     return Pairs(np.concatenate(([0], np.cumsum(counts))), splat, index_words(chunks)[splat], depth_key[splat].astype(np.int64),
-                 mask, levels, pair_of)
+                 found.mask, found.levels, found.intersection)
 
 
 def list_counts(pairs: Pairs, bounds: Bounds) -> np.ndarray:

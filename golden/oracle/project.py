@@ -14,6 +14,7 @@ from golden.oracle.harmonics import colour_per_level
 from golden.scenes.camera import Camera
 from golden.scenes.model import GaussianModel
 from spec.constants import ALPHA_MIN, FRUSTUM_MARGIN, LOW_PASS
+from spec.guard_band import MEAN_RANGE, Range
 
 
 @dataclass(frozen=True)
@@ -47,19 +48,23 @@ class Splats:
         return len(self.index)
 
 
-def project(model: GaussianModel, camera: Camera, support_sigma: float | None) -> tuple[Splats, dict[str, int]]:
+def project(
+    model: GaussianModel, camera: Camera, support_sigma: float | None, mean_range: Range = MEAN_RANGE,
+) -> tuple[Splats, dict[str, int]]:
     """Projects every Gaussian of `model` and culls those that cannot change a pixel.
 
     Args:
         model: the Gaussians.
         camera: the camera, with the frame's size.
         support_sigma: Mahalanobis radius that bounds the support, or None for 3DGS's bound on alpha alone.
+        mean_range: the guard band: pixels between which a projected mean must lie.
 
     Returns:
         The surviving splats, and the number of culled points by reason. A point counts under the first reason that applies:
         `non_finite` (an input field is not finite, or the quaternion is zero), `near` (z <= camera.near), `overflow`
         (position or extent on the screen exceed float64), `transparent` (alpha is below 1/255 even at the centre, at every
-        level that uses the point), `outside` (the footprint misses the rectangle of the frame's pixel centres).
+        level that uses the point), `outside` (the footprint misses the rectangle of the frame's pixel centres, or the mean
+        lies beyond the guard band).
     """
     with np.errstate(all="ignore"):  # points that are not finite here are culled below
         point = model.means @ camera.rotation.T + camera.translation
@@ -73,7 +78,7 @@ def project(model: GaussianModel, camera: Camera, support_sigma: float | None) -
             "near": ~(point[:, 2] > camera.near),
             "overflow": ~(np.isfinite(mean2d).all(axis=1) & np.isfinite(determinant)),
             "transparent": widest < 0,
-            "outside": ~meets_frame(mean2d, factor, widest, camera.width, camera.height),
+            "outside": ~(meets_frame(mean2d, factor, widest, camera.width, camera.height) & within(mean2d, mean_range)),
         }
     alive, culled = np.ones(len(model), bool), {}
     for reason, applies in bad.items():
@@ -92,6 +97,12 @@ def project(model: GaussianModel, camera: Camera, support_sigma: float | None) -
         quality_bound=model.quality_bound[index].astype(np.int64),
     )
     return splats, culled
+
+
+def within(mean2d: np.ndarray, mean_range: Range) -> np.ndarray:
+    """(N,) bool: whether the means (N, 2), in pixels, lie within the guard band."""
+    low, high = mean_range
+    return ((low < mean2d) & (mean2d < high)).all(axis=1)
 
 
 def finite_input(model: GaussianModel) -> np.ndarray:

@@ -15,6 +15,7 @@ from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveatio
 from golden.scenes.model import GaussianModel
 from spec.constants import ALPHA_MAX_L1, COVERAGE_VALID, SUPPORT_SIGMA
 from spec.errors import InputError
+from spec.guard_band import MEAN_RANGE, Range
 
 ALPHA_MAX = (ALPHA_MAX_L1, 1.0, 1.0, 1.0)
 """Upper bound of alpha for each level: that of 3DGS for level 1; none (that is, 1) for the amplified levels (paper section
@@ -68,6 +69,7 @@ def render(
     support_sigma: float | None = SUPPORT_SIGMA,
     alpha_max: Sequence[float] = ALPHA_MAX,
     tile_test: str = "exact",
+    mean_range: Range = MEAN_RANGE,
 ) -> OracleFrame:
     """Renders `model` as `camera` sees it (paper sections 2.2, 4 and 5.1).
 
@@ -82,6 +84,7 @@ def render(
         support_sigma: Mahalanobis radius that bounds a splat's support; None for 3DGS's bound on alpha alone.
         alpha_max: upper bound of alpha for each level.
         tile_test: `exact` or `obb` (oriented bounding box); the image is the same, the lists are not.
+        mean_range: the guard band (`spec.guard_band`): pixels between which a projected mean must lie.
 
     Raises:
         InputError: the gaze is off the display, the display or map does not fit the frame, or the map uses levels
@@ -97,7 +100,7 @@ def render(
     if len(alpha_max) < model.levels:
         raise ValueError(f"alpha_max must hold a bound for each of {model.levels} levels, not {alpha_max!r}")
 
-    splats, culled = project(model, camera, support_sigma)
+    splats, culled = project(model, camera, support_sigma, mean_range)
     lists = tile_lists(splats, foveation, tile_test)
     visible = len(np.unique(lists.entries))
     culled["no_tile"] = len(splats) - visible

@@ -7,6 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spec.errors import InputError
+
+RIGID = 1e-3
+"""Largest deviation of R R^T from the identity: a matrix with four decimals passes, a scaled one does not."""
+
+WIDEST = 65_535
+"""Most pixels of a frame's side in a file. Machines take fewer; see `row_width`."""
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -49,3 +57,32 @@ class Camera:
         sine, cosine = math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
         turn = np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
         return replace(self, rotation=turn @ self.rotation, translation=turn @ self.translation)
+
+
+def checked(camera: Camera, where: str) -> Camera:
+    """The camera, if it can be one. Every loader passes its cameras through this check.
+
+    Args:
+        camera: the camera.
+        where: the file, and which of its cameras, for the message.
+
+    Raises:
+        InputError: a number is not finite, the rotation is none, or a focal length, the near plane or a side of the frame is
+            not positive.
+    """
+    for name in ("fx", "fy", "cx", "cy", "near"):
+        value = getattr(camera, name)
+        if not math.isfinite(value):
+            raise InputError(f"{where}: {name} is {value!r}; a finite number is needed")
+        if name in ("fx", "fy", "near") and value <= 0:
+            raise InputError(f"{where}: {name} is {value:g}; more than 0 is accepted")
+    if not (1 <= camera.width <= WIDEST and 1 <= camera.height <= WIDEST):
+        raise InputError(f"{where}: frame size {camera.width}x{camera.height}; 1..{WIDEST} pixels a side are accepted")
+    if camera.rotation.shape != (3, 3) or camera.translation.shape != (3,):
+        shapes = f"{camera.rotation.shape} and {camera.translation.shape}"
+        raise InputError(f"{where}: rotation and translation have shapes {shapes}; (3, 3) and (3,) are needed")
+    if not (np.isfinite(camera.rotation).all() and np.isfinite(camera.translation).all()):
+        raise InputError(f"{where}: the pose holds a number that is not finite")
+    if np.abs(camera.rotation @ camera.rotation.T - np.eye(3)).max() > RIGID or np.linalg.det(camera.rotation) < 0:
+        raise InputError(f"{where}: rotation {camera.rotation.tolist()} is not a rotation matrix; orthonormal rows are needed")
+    return camera

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from golden.scenes.camera import Camera
-from golden.scenes.files import atomic_output, read_json
+from golden.scenes.camera import Camera, checked
+from golden.scenes.files import atomic_output, number_of, read_json
 from spec.errors import InputError
 
 GAZE = "gaze"
 """The file's entry that is no property of a camera."""
-
-RIGID = 1e-4  # largest deviation of R R^T from the identity: a matrix with six decimals passes, a scaled one does not
 
 
 def camera_text(camera: Camera, gaze: tuple[float, float] | None = None) -> str:
@@ -99,32 +96,21 @@ def _camera(path: Path, entry: dict[str, Any]) -> Camera:
     if unknown:
         accepted = ", ".join((*Camera.__dataclass_fields__, GAZE))
         raise InputError(f"{path}: {sorted(unknown)[0]!r} is not an entry of a camera; accepted are {accepted}")
-    rotation, translation = _array(path, entry, "rotation", (3, 3)), _array(path, entry, "translation", (3,))
-    if np.abs(rotation @ rotation.T - np.eye(3)).max() > RIGID or np.linalg.det(rotation) < 0:
-        raise InputError(f"{path}: rotation {rotation.tolist()} is not a rotation matrix; orthonormal rows are needed")
-    width, height = (_number(path, entry, key) for key in ("width", "height"))
-    if not (width.is_integer() and height.is_integer() and min(width, height) >= 1):
+    width, height = (number_of(path, entry, key) for key in ("width", "height"))
+    if not (width.is_integer() and height.is_integer()):
         raise InputError(f"{path}: frame size {width:g}x{height:g}; whole numbers from 1 on are accepted")
-    positive = {key: _number(path, entry, key) for key in ("fx", "fy")} | {"near": _number(path, entry, "near", Camera.near)}
-    for key, value in positive.items():
-        if value <= 0:
-            raise InputError(f"{path}: {key} is {value:g}; more than 0 is accepted")
-    return Camera(rotation=rotation, translation=translation, width=int(width), height=int(height), **positive,
-                  cx=_number(path, entry, "cx", width / 2), cy=_number(path, entry, "cy", height / 2),
-                  name=str(entry.get("name", path.stem)))
-
-
-def _number(path: Path, entry: dict[str, Any], key: str, default: float | None = None) -> float:
-    value = entry.get(key, default)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(f"{path}: {key} is {value!r}; a finite number is needed")
-    return float(value)
+    camera = Camera(
+        rotation=_array(path, entry, "rotation", (3, 3)), translation=_array(path, entry, "translation", (3,)),
+        width=int(width), height=int(height), fx=number_of(path, entry, "fx"), fy=number_of(path, entry, "fy"),
+        near=number_of(path, entry, "near", Camera.near), cx=number_of(path, entry, "cx", width / 2),
+        cy=number_of(path, entry, "cy", height / 2), name=str(entry.get("name", path.stem)))
+    return checked(camera, str(path))
 
 
 def _array(path: Path, entry: dict[str, Any], key: str, shape: tuple[int, ...]) -> np.ndarray:
     try:
         array = np.array(entry.get(key), np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = np.empty(0)
     if array.shape != shape or not np.isfinite(array).all():
         raise InputError(f"{path}: {key} is {str(entry.get(key))[:60]}; {'x'.join(map(str, shape))} finite numbers are needed")

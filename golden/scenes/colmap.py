@@ -1,4 +1,4 @@
-"""Reads COLMAP models (text or binary, with or without rigs and frames) through pycolmap."""
+"""Reads COLMAP models (text or binary, with or without rigs and frames) through pycolmap, in a process with limits."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from golden.scenes.camera import Camera
+from golden.scenes import limited
+from golden.scenes.camera import Camera, checked
+from golden.scenes.colmap_model import ColmapImage, ColmapModel
 from golden.scenes.conventions import up_of_cameras
 from golden.scenes.dataset import Dataset, fit_to_images
 from golden.scenes.files import read_bytes, require_package
@@ -20,6 +22,12 @@ DISTORTION = {
     "OPENCV": (4, ("k1", "k2", "p1", "p2")), "FULL_OPENCV": (4, COEFFICIENTS),
 }
 """The accepted camera models. Of each: the number of parameters before those of the distortion, and the names of these."""
+
+TABLES = ("cameras", "images", "points3D", "rigs", "frames")
+"""The tables of a model; the last two only since COLMAP 3.12."""
+
+SMALLEST_ROW = {"cameras": 24, "images": 73, "points3D": 51, "rigs": 8, "frames": 68}
+"""Bytes of the smallest row of each binary table: one without parameters, keypoints, track, sensors or data."""
 
 
 def find_model(folder: Path) -> Path | None:
@@ -40,30 +48,45 @@ def load_colmap(folder: Path, model: Path) -> Dataset:
         InputError: the model is broken, a camera is of a model that is not in DISTORTION, a photograph is missing, or the
             extra `models` is not installed.
     """
-    pycolmap = require_package("pycolmap", f"reading {model}")
-    try:
-        reconstruction = pycolmap.Reconstruction(str(model))
-    except Exception as error:  # pycolmap raises what its C++ threw
-        raise InputError(f"{model}: is not a whole COLMAP model ({str(error).splitlines()[0]})") from error
-    posed = sorted((image for image in reconstruction.images.values() if image.has_pose), key=lambda image: image.name)
-    if not posed:
-        raise InputError(f"{model}: has {len(reconstruction.images)} images and none with a pose; at least one is needed")
-    cameras = [_camera(image, reconstruction.cameras[image.camera_id]) for image in posed]
+    require_package("pycolmap", f"reading {model}")
+    tables = [model / f"{table}.{kind}" for table in TABLES for kind in ("bin", "txt")]
+    tables = [table for table in tables if table.exists()]
+    for table in tables:
+        _check_count(table)
+    size = sum(table.stat().st_size for table in tables)
+    found: ColmapModel = limited.read("golden.scenes.colmap_model:read_model", model, size)
+    if not found.images:
+        raise InputError(f"{model}: has {found.total} images and none with a pose; at least one is needed")
+    cameras = [_camera(model, image) for image in found.images]
     photographs = find_images(folder)
     images = None if photographs is None else [photographs / camera.name for camera in cameras]
-    coefficients = [_distortion(model, image, reconstruction.cameras[image.camera_id]) for image in posed]
-    error = [_pose_error(image, camera, lens_of(camera, each), reconstruction)
-             for image, camera, each in zip(posed, cameras, coefficients, strict=True)]
+    coefficients = [_distortion(model, image) for image in found.images]
+    error = [_pose_error(image, camera, lens_of(camera, each))
+             for image, camera, each in zip(found.images, cameras, coefficients, strict=True)]
     pinholes, lenses = without_distortion(cameras if images is None else fit_to_images(cameras, images), coefficients)
-    points = list(reconstruction.points3D.values())
     return Dataset(
         cameras=pinholes, lenses=lenses,
         images=None if images is None else tuple(images),
-        points=np.array([point.xyz for point in points], np.float64).reshape(-1, 3),
-        point_colours=np.array([point.color for point in points], np.uint8).reshape(-1, 3),
+        points=found.points, point_colours=found.colours,
         up=up_of_cameras(np.stack([camera.rotation for camera in cameras])), name=folder.absolute().name,
         pose_error=np.array(error),
     )
+
+
+def _check_count(table: Path) -> None:
+    """Refuses a binary table that is empty, or whose first number announces more rows than its bytes can hold.
+
+    The structure of a row is the library's business; that a file of a kilobyte holds 2^40 rows is not possible in any.
+    """
+    if table.suffix != ".bin":
+        return
+    data = read_bytes(table)
+    if len(data) < 8:
+        raise InputError(f"{table}: {len(data)} bytes; a table begins with a count of 8 bytes (truncated?)")
+    (count,) = struct.unpack_from("<Q", data)
+    row = SMALLEST_ROW[table.stem]
+    if count * row > len(data) - 8:
+        raise InputError(f"{table}: {count} rows of at least {row} bytes are announced in {len(data)} bytes (truncated?)")
 
 
 def find_images(folder: Path) -> Path | None:
@@ -74,37 +97,32 @@ def find_images(folder: Path) -> Path | None:
     return min(reduced, key=lambda p: int(p.name[7:]), default=None)
 
 
-def _distortion(model: Path, image: object, intrinsics: object) -> dict[str, float]:
+def _distortion(model: Path, image: ColmapImage) -> dict[str, float]:
     """The distortion coefficients of an image's camera, by name."""
-    kind, parameters = intrinsics.model.name, intrinsics.params
-    if kind not in DISTORTION:
-        raise InputError(f"{model}: camera of {image.name} is {kind}; {', '.join(DISTORTION)} are accepted "
+    if image.kind not in DISTORTION:
+        raise InputError(f"{model}: camera of {image.name} is {image.kind}; {', '.join(DISTORTION)} are accepted "
                          "(colmap image_undistorter makes PINHOLE of any other)")
-    first, names = DISTORTION[kind]
-    return dict(zip(names, map(float, parameters[first:]), strict=True))
+    first, names = DISTORTION[image.kind]
+    return dict(zip(names, image.parameters[first:], strict=True))
 
 
-def _camera(image: object, intrinsics: object) -> Camera:
-    pose = image.cam_from_world() if callable(image.cam_from_world) else image.cam_from_world  # a property before pycolmap 3.12
-    matrix = pose.matrix()
-    return Camera(
-        rotation=np.ascontiguousarray(matrix[:, :3]), translation=np.ascontiguousarray(matrix[:, 3]),
-        fx=float(intrinsics.focal_length_x), fy=float(intrinsics.focal_length_y),
-        cx=float(intrinsics.principal_point_x), cy=float(intrinsics.principal_point_y),
-        width=int(intrinsics.width), height=int(intrinsics.height), name=image.name,
-    )
+def _camera(model: Path, image: ColmapImage) -> Camera:
+    camera = Camera(
+        rotation=np.ascontiguousarray(image.pose[:, :3]), translation=np.ascontiguousarray(image.pose[:, 3]),
+        fx=image.focal[0], fy=image.focal[1], cx=image.centre[0], cy=image.centre[1],
+        width=image.size[0], height=image.size[1], name=image.name)
+    return checked(camera, f"{model}: {image.name}")
 
 
-def _pose_error(image: object, camera: Camera, lens: Lens | None, reconstruction: object) -> float:
+def _pose_error(image: ColmapImage, camera: Camera, lens: Lens | None) -> float:
     """Median distance in pixels between an image's keypoints and the projections of their 3D points; nan if it has none."""
-    seen = [point for point in image.points2D if point.has_point3D()]
-    if not seen:
+    if not len(image.seen):
         return math.nan
-    points = np.array([reconstruction.points3D[point.point3D_id].xyz for point in seen])
-    local = points @ camera.rotation.T + camera.translation
-    rays = local[:, :2] / local[:, 2:]
-    projected = rays * (camera.fx, camera.fy) + (camera.cx, camera.cy) if lens is None else lens.project(rays)
-    return float(np.median(np.linalg.norm(projected - [point.xy for point in seen], axis=1)))
+    local = image.points @ camera.rotation.T + camera.translation
+    with np.errstate(divide="ignore", invalid="ignore"):  # a point in the camera's plane has no projection, and no distance
+        rays = local[:, :2] / local[:, 2:]
+        projected = rays * (camera.fx, camera.fy) + (camera.cx, camera.cy) if lens is None else lens.project(rays)
+        return float(np.median(np.linalg.norm(projected - image.seen, axis=1)))
 
 
 def read_points(path: Path) -> tuple[np.ndarray, np.ndarray]:

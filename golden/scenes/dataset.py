@@ -9,11 +9,14 @@ import numpy as np
 from PIL import Image
 
 from golden.scenes.camera import Camera
+from golden.scenes.files import is_file
 from golden.scenes.lens import Lens
 from spec.errors import InputError
 
-UNREADABLE = (OSError, SyntaxError, ValueError)
-"""The exceptions that Pillow raises on broken files; it raises SyntaxError for a broken PNG."""
+UNREADABLE = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
+"""The exceptions that Pillow raises on broken files: SyntaxError for a broken PNG, the last one for a header that announces
+more pixels than any photograph has."""
+
 TEST_EVERY = 8
 """Every 8th photograph, from the first on, is held out for tests, as in Mip-NeRF 360 and every 3DGS paper since."""
 
@@ -72,7 +75,7 @@ class Dataset:
             raise InputError(f"{self.name}: has cameras but no photographs")
         camera, path = self.cameras[index], self.images[index]
         try:
-            with Image.open(path) as image:
+            with open_image(path) as image:
                 rgba = np.asarray(image.convert("RGBA"))
         except UNREADABLE as error:
             raise InputError(f"{path}: is not a readable photograph ({error})") from error
@@ -92,6 +95,17 @@ class Dataset:
         return rgba[..., :3] * rgba[..., 3:]
 
 
+def open_image(path: Path) -> Image.Image:
+    """The image in a regular file, not decoded yet. A pipe or a device is refused, because reading it might never end.
+
+    Raises:
+        OSError: there is no such file; and all of UNREADABLE.
+    """
+    if not is_file(path):
+        raise OSError("no regular file")
+    return Image.open(path)
+
+
 def image_size(path: Path) -> tuple[int, int]:
     """(width, height) from the header of a photograph.
 
@@ -99,7 +113,7 @@ def image_size(path: Path) -> tuple[int, int]:
         InputError: the file is missing or not an image.
     """
     try:
-        with Image.open(path) as image:
+        with open_image(path) as image:
             return image.size
     except UNREADABLE as error:
         raise InputError(f"{path}: is not a readable photograph ({error})") from error

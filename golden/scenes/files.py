@@ -4,7 +4,9 @@ file."""
 from __future__ import annotations
 
 import json
+import math
 import os
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -39,36 +41,84 @@ def atomic_output(path: Path | str) -> Iterator[BinaryIO]:
         raise
 
 
+def is_file(path: Path) -> bool:
+    """Whether a path is that of a regular file; False for names that no file can have (too long, or with a NUL)."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
 def read_bytes(path: Path) -> bytes:
-    """Returns the content of a file, which must exist and must not be empty.
+    """Returns the content of a regular file, which must exist and must not be empty.
 
     Raises:
-        InputError: the file is missing, unreadable, a folder, or empty.
+        InputError: the file is missing, unreadable, empty, or no regular file: a folder, a pipe or a device, which might never
+            end.
     """
     try:
+        mode = path.stat().st_mode
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+            raise InputError(f"{path}: is no regular file, but a pipe or a device; a readable file is needed")
         data = path.read_bytes()
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); a readable file is needed") from error
+        raise InputError(f"{path!s:.200}: cannot be read ({error.strerror}); a readable file is needed") from error
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{str(path)!r:.200}: is no name of a file ({error})") from error
     if not data:
         raise InputError(f"{path}: is empty (0 bytes)")
     return data
+
+
+def read_any_json(path: Path) -> Any:
+    """Returns the JSON value in a file.
+
+    Raises:
+        InputError: the file is missing or empty, is not JSON, or is nested more deeply than can be read.
+    """
+    try:
+        return json.loads(read_bytes(path))
+    except RecursionError as error:
+        raise InputError(f"{path}: is nested too deeply for a file of this project") from error
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: is not JSON ({error})") from error
 
 
 def read_json(path: Path) -> dict[str, Any]:
     """Returns the JSON object in a file.
 
     Raises:
-        InputError: the file is missing or empty, is not JSON, or holds something other than an object.
+        InputError: as for `read_any_json`, or the value is something other than an object.
     """
-    try:
-        value = json.loads(read_bytes(path))
-    except ValueError as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: is not JSON ({error})") from error
+    value = read_any_json(path)
     if not isinstance(value, dict):
         raise InputError(f"{path}: holds a {type(value).__name__}; a JSON object is needed")
     return value
+
+
+def number_of(path: Path, entry: dict[str, Any], key: str, default: float | None = None) -> float:
+    """The finite number that a JSON object holds under a key, or the default.
+
+    Raises:
+        InputError: it is no finite number, or one that no float can hold.
+    """
+    value = entry.get(key, default)
+    try:
+        if not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value):
+            return float(value)
+    except OverflowError:  # an integer of hundreds of digits
+        pass
+    shown = repr(value)[:60] if _short(value) else "an integer of thousands of digits"
+    raise InputError(f"{path}: {key} is {shown}; a finite number is needed")
+
+
+def _short(value: object) -> bool:
+    """Whether `repr` may be called: Python refuses it for integers of thousands of digits."""
+    return not isinstance(value, int) or value.bit_length() < 4096
 
 
 def require_package(name: str, purpose: str) -> Any:

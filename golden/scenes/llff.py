@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from golden.scenes.camera import Camera
+from golden.scenes.camera import Camera, checked
 from golden.scenes.colmap import find_images, read_points
 from golden.scenes.conventions import camera_from_llff, up_of_cameras
 from golden.scenes.dataset import Dataset, fit_to_images
@@ -59,5 +59,6 @@ def _depths(bounds: np.ndarray) -> tuple[float, float] | None:
 def _camera(pose: np.ndarray, image: Path) -> Camera:
     rotation, translation = camera_from_llff(pose)
     height, width, focal = pose[:, 4]
-    return Camera(rotation=rotation, translation=translation, fx=focal, fy=focal, cx=width / 2, cy=height / 2,
-                  width=round(width), height=round(height), name=image.name)
+    camera = Camera(rotation=rotation, translation=translation, fx=focal, fy=focal, cx=width / 2, cy=height / 2,
+                    width=round(width), height=round(height), name=image.name)
+    return checked(camera, f"pose of {image}")

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from golden.scenes.dataset import UNREADABLE
+from golden.scenes.dataset import UNREADABLE, open_image
 from spec.errors import InputError
 
 FOLDERS = ("masks", "mask")
@@ -59,7 +59,7 @@ def read_mask(path: Path, width: int, height: int) -> np.ndarray:
         InputError: the file is unreadable, or has other proportions than the photograph.
     """
     try:
-        with Image.open(path) as image:
+        with open_image(path) as image:
             grey = image.convert("L")
             grey.load()
     except UNREADABLE as error:

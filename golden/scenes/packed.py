@@ -12,6 +12,7 @@ import numpy as np
 
 from golden.scenes.clean import Fields, build_model
 from golden.scenes.conventions import UP_BY_FORMAT, sigmoid
+from golden.scenes.expansion import check_expansion, check_gzip, check_sog, check_spz_streams
 from golden.scenes.files import read_bytes, require_package
 from golden.scenes.model import GaussianModel
 from golden.scenes.orbit import estimate_up
@@ -20,6 +21,7 @@ from spec.errors import InputError
 from spec.extras import how_to_get
 
 SPZ_VERSIONS = (2, 3, 4)
+SMALLEST_SPLAT = 19  # bytes of a splat in an SPZ without harmonics, decoded
 CHUNK = 256  # splats that share one row of bounds in a compressed PLY
 
 
@@ -45,7 +47,8 @@ def load_spz(path: Path, name: str) -> GaussianModel:
     """Loads the model in an SPZ file of version 2, 3 or 4. (Version 1 stores half-float positions and is no longer written.)
 
     Raises:
-        InputError: the file is truncated or of another version, or the extra `models` is not installed.
+        InputError: the file is truncated or of another version, has bytes behind its end, breaks the budget of
+            `golden.scenes.expansion`, or the extra `models` is not installed.
     """
     data = read_bytes(path)
     try:
@@ -55,6 +58,12 @@ def load_spz(path: Path, name: str) -> GaussianModel:
         raise InputError(f"{path}: is not a whole SPZ file ({error})") from error
     if magic != b"NGSP" or version not in SPZ_VERSIONS:
         raise InputError(f"{path}: is {magic!r} version {version}; b'NGSP' version {SPZ_VERSIONS} is accepted")
+    (splats,) = struct.unpack_from("<I", head.ljust(12, b"\0"), 8)
+    check_expansion(path, len(data), splats * SMALLEST_SPLAT)
+    if data.startswith(b"\x1f\x8b"):
+        check_gzip(path, data)
+    else:
+        check_spz_streams(path, data)
     return _load(path, name, "spz", lambda gsply: gsply.read_spz(path))
 
 
@@ -64,7 +73,8 @@ def load_sog(path: Path, name: str) -> GaussianModel:
     The format does not say which axis points up, so the direction is estimated from the ground in the scene.
 
     Raises:
-        InputError: a part is missing, truncated or of another version, or the extra `models` is not installed.
+        InputError: a part is missing, truncated or of another version, the SOG breaks the budget of `golden.scenes.expansion`,
+            or the extra `models` is not installed.
     """
     return sog_model(read_sog(path), path, name)
 
@@ -75,6 +85,7 @@ def read_sog(path: Path) -> Fields:
     Raises:
         InputError: see `load_sog`.
     """
+    check_sog(path)
     return _fields(path, "sog", lambda gsply: gsply.sogread(path))
 
 

@@ -99,15 +99,21 @@ def add_effect_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--depth", action="store_true", help="compute a depth for every pixel")
 
 
+OWN, SHARED = "own", "shared"
+"""Values of --eye-colours: whether each eye of a joint frame has colours of its own, or both those of the source."""
+
 _EYE_DEFAULTS = {
-    "ecc_thresh": ECC_THRESHOLD_DEG, "ipd": IPD_METRES, "units_per_metre": None, "source": EYES[0], "gaze_right": None}
+    "ecc_thresh": ECC_THRESHOLD_DEG, "ipd": IPD_METRES, "units_per_metre": None, "source": EYES[0], "gaze_right": None,
+    "eye_colours": OWN}
 
 
 def add_stereo_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of a frame for two eyes."""
     group = parser.add_argument_group("two eyes", "the camera is the source eye's; --gaze is the left eye's gaze, or the "
                                       "source's if --gaze-right is not given")
-    group.add_argument("--stereo", action="store_true", help="render one eye and warp it into the other")
+    group.add_argument("--stereo", action="store_true",
+                       help="render one eye and warp it into the other, or, on machines with lists by super-tile, render both "
+                       "from one set of lists")
     group.add_argument("--ecc-thresh", type=float, metavar="DEG",
                        help=f"eccentricity beyond which tiles may be warped (default: {ECC_THRESHOLD_DEG:g})")
     group.add_argument("--ipd", type=float, metavar="M", help=f"distance between the eyes in metres (default: {IPD_METRES})")
@@ -116,6 +122,9 @@ def add_stereo_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--source", metavar="left|right", help="the eye that is rendered as a whole (default: left)")
     group.add_argument("--gaze-right", metavar="X,Y",
                        help="the pixel at which the right eye looks (default: both eyes look at the same point)")
+    group.add_argument("--eye-colours", metavar="own|shared",
+                       help="on machines with lists by super-tile, whether the second eye has the first one's colours "
+                       "(default: own)")
 
 
 def parse_request(*argv: str) -> argparse.Namespace:
@@ -137,19 +146,32 @@ def parse_request(*argv: str) -> argparse.Namespace:
     return args
 
 
-def take_stereo_arguments(args: argparse.Namespace) -> None:
+def take_stereo_arguments(args: argparse.Namespace, *, joint: bool = False) -> None:
     """Fills in the defaults of the arguments for two eyes and sorts the gazes by eye.
 
     With `--source right`, `args.gaze` becomes the source eye's gaze and `args.gaze_target` the other eye's.
 
+    Args:
+        args: the arguments.
+        joint: whether the frame is a joint one (`spec.joint`); in any other, the second eye is warped.
+
     Raises:
-        InputError: an argument for two eyes is given without --stereo, or the source eye is neither left nor right.
+        InputError: an argument for two eyes is given without --stereo, or one of warped frames for a joint one or the other way
+            round; or the source eye is neither left nor right.
     """
+    if joint and args.ecc_thresh is not None:
+        raise InputError(f"--ecc-thresh {args.ecc_thresh:g} is not accepted: machines with lists by super-tile render both "
+                         "eyes whole; config 'paper' warps the second one")
+    if args.stereo and not joint and args.eye_colours is not None:
+        raise InputError(f"--eye-colours {args.eye_colours} is not accepted where the second eye is warped: `msv2 render` with "
+                         "config 'v3' takes it")
     for name, default in _EYE_DEFAULTS.items():
         if getattr(args, name) is None:
             setattr(args, name, default)
         elif not args.stereo:
             raise InputError(f"--{name.replace('_', '-')} {getattr(args, name)} is not accepted without --stereo")
+    if args.eye_colours not in (OWN, SHARED):
+        raise InputError(f"eye colours {args.eye_colours!r} are not accepted: choose one of {OWN}, {SHARED}")
     if args.source not in EYES:
         raise InputError(f"source eye {args.source!r} is not accepted: choose one of {', '.join(EYES)}")
     args.gaze_target = args.gaze_right

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from golden.scenes.camera import Camera
+from golden.scenes.camera import Camera, checked
 from golden.scenes.conventions import up_of_cameras
 from golden.scenes.dataset import Dataset
 from spec.errors import InputError
@@ -35,8 +35,9 @@ def load_npz(path: Path) -> Dataset:
         raise InputError(f"{path}: {len(views)} viewmats, {len(intrinsics)} Ks, {len(arrays['means3d'])} means3d, "
                          f"{len(arrays['colors'])} colors; as many of each pair are needed")
     cameras = tuple(
-        Camera(rotation=view[:3, :3], translation=view[:3, 3], fx=k[0, 0], fy=k[1, 1], cx=k[0, 2], cy=k[1, 2],
-               width=int(arrays["width"]), height=int(arrays["height"]), name=f"{path.stem}-{i}")
+        checked(Camera(rotation=view[:3, :3], translation=view[:3, 3], fx=k[0, 0], fy=k[1, 1], cx=k[0, 2], cy=k[1, 2],
+                       width=int(arrays["width"]), height=int(arrays["height"]), name=f"{path.stem}-{i}"),
+                f"{path}: camera {i}")
         for i, (view, k) in enumerate(zip(views, intrinsics, strict=True))
     )
     return Dataset(

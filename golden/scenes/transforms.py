@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from golden.scenes.camera import Camera
+from golden.scenes.camera import Camera, checked
 from golden.scenes.conventions import UP_BY_FORMAT, camera_from_opencv, camera_from_opengl
 from golden.scenes.dataset import Dataset, fit_to_images, image_size
-from golden.scenes.files import atomic_output, read_bytes, read_json
+from golden.scenes.files import atomic_output, is_file, number_of, read_any_json, read_bytes, read_json
 from golden.scenes.lens import without_distortion
 from golden.scenes.ply import parse_header, read_vertices
 from spec.errors import InputError
@@ -42,14 +42,14 @@ def load_transforms(path: Path) -> Dataset:
         raise InputError(f"{path}: frames is {str(frames)[:40]}; a list of frames is needed")
     frames = sorted(frames, key=lambda frame: str(frame.get("file_path")))
     images = [_image_path(path, frame) for frame in frames]
-    found = [image.exists() for image in images]
+    found = [is_file(image) for image in images]
     if any(found) and not all(found):
         raise InputError(f"{images[found.index(False)]}: does not exist, but {sum(found)} of {len(images)} photographs do")
     entries = [{**meta, **frame} for frame in frames]
     distorted = [_camera(path, entry, image, all(found)) for entry, image in zip(entries, images, strict=True)]
     cameras, lenses = without_distortion(
-        distorted, [{key: _number(path, entry, key, 0.0) for key in DISTORTION} for entry in entries])
-    points, colours = _points(path.parent / meta["ply_file_path"]) if "ply_file_path" in meta else _no_points()
+        distorted, [{key: number_of(path, entry, key, 0.0) for key in DISTORTION} for entry in entries])
+    points, colours = _points(path.parent / _text(path, meta, "ply_file_path")) if "ply_file_path" in meta else _no_points()
     return Dataset(cameras=cameras, images=tuple(images) if all(found) else None, points=points, point_colours=colours,
                    up=np.array(UP_BY_FORMAT["nerfstudio"]), name=path.absolute().parent.name, lenses=lenses,
                    masks=_masks(path, frames))
@@ -61,25 +61,22 @@ def _masks(path: Path, frames: list[dict[str, Any]]) -> tuple[Path | None, ...] 
     return named if any(named) else None
 
 
+def _text(path: Path, entry: dict[str, Any], key: str) -> str:
+    name = entry.get(key)
+    if not isinstance(name, str) or not name:
+        raise InputError(f"{path}: {key} is {name!r:.60}; the name of a file is needed")
+    return name
+
+
 def _image_path(path: Path, frame: dict[str, Any]) -> Path:
-    name = frame.get("file_path")
-    if not isinstance(name, str):
-        raise InputError(f"{path}: file_path is {name!r}; a photograph's name is needed in every frame")
-    image = path.parent / name
+    image = path.parent / _text(path, frame, "file_path")
     return image if image.suffix else image.with_suffix(".png")  # Blender writes names without a suffix
-
-
-def _number(path: Path, entry: dict[str, Any], key: str, default: float | None = None) -> float:
-    value = entry.get(key, default)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(f"{path}: {key} is {value!r}; a finite number is needed")
-    return float(value)
 
 
 def _pose(path: Path, entry: dict[str, Any]) -> np.ndarray:
     try:
         pose = np.array(entry.get("transform_matrix"), np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         pose = np.empty(0)
     if pose.shape not in ((3, 4), (4, 4)) or not np.isfinite(pose).all():
         raise InputError(f"{path}: transform_matrix of {entry['file_path']} is {str(entry.get('transform_matrix'))[:60]}; "
@@ -91,25 +88,27 @@ def _pose(path: Path, entry: dict[str, Any]) -> np.ndarray:
 
 
 def _camera(path: Path, entry: dict[str, Any], image: Path, image_exists: bool) -> Camera:
-    fourth = _number(path, entry, "k4", 0.0)
+    fourth = number_of(path, entry, "k4", 0.0)
     if fourth or entry.get("is_fisheye") or "FISHEYE" in str(entry.get("camera_model", "")):
         what = f"distorted with k4 = {fourth:g}" if fourth else "a fisheye"
         raise InputError(f"{path}: the lens of {image.name} is {what}; a pinhole, or a lens with {', '.join(DISTORTION)}, is "
                          "accepted (colmap image_undistorter makes pinholes of others, then import its model)")
     rotation, translation = camera_from_opengl(_pose(path, entry))
     size = image_size(image) if image_exists else (0, 0)
-    width, height = round(_number(path, entry, "w", size[0])), round(_number(path, entry, "h", size[1]))
+    width, height = round(number_of(path, entry, "w", size[0])), round(number_of(path, entry, "h", size[1]))
     if width < 1 or height < 1:
         raise InputError(f"{path}: frame of {image.name} is {width}x{height} and {image} is missing; w and h are needed")
     if "fl_x" in entry:
-        fx = _number(path, entry, "fl_x")
-        fy = _number(path, entry, "fl_y", fx)
+        fx = number_of(path, entry, "fl_x")
+        fy = number_of(path, entry, "fl_y", fx)
     else:
-        fx = fy = width / 2 / math.tan(_number(path, entry, "camera_angle_x") / 2)
-    if min(fx, fy) <= 0:
-        raise InputError(f"{path}: focal length of {image.name} is {min(fx, fy):g} pixels; more than 0 is needed")
-    camera = Camera(rotation=rotation, translation=translation, fx=fx, fy=fy, cx=_number(path, entry, "cx", width / 2),
-                    cy=_number(path, entry, "cy", height / 2), width=width, height=height, name=image.name)
+        angle = number_of(path, entry, "camera_angle_x")
+        if not 0 < angle < math.pi:
+            raise InputError(f"{path}: camera_angle_x is {angle:g}; an angle in 0..pi is needed")
+        fx = fy = width / 2 / math.tan(angle / 2)
+    camera = Camera(rotation=rotation, translation=translation, fx=fx, fy=fy, cx=number_of(path, entry, "cx", width / 2),
+                    cy=number_of(path, entry, "cy", height / 2), width=width, height=height, name=image.name)
+    checked(camera, f"{path}: {image.name}")
     return fit_to_images([camera], [image])[0] if image_exists else camera
 
 
@@ -134,18 +133,19 @@ def load_inria_cameras(path: Path) -> tuple[Camera, ...]:
     Raises:
         InputError: the file is not such a list of cameras.
     """
+    entries = read_any_json(path)
     try:
-        entries = json.loads(read_bytes(path))
-        return tuple(_inria_camera(entry) for entry in entries)
-    except (ValueError, TypeError, KeyError, IndexError) as error:
+        return tuple(checked(_inria_camera(entry), f"{path}: camera {index}") for index, entry in enumerate(entries))
+    except (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{path}: is not a cameras.json of a 3DGS trainer ({error!r})") from error
+        raise InputError(f"{path}: is not a cameras.json of a 3DGS trainer ({error!r:.200})") from error
 
 
 def _inria_camera(entry: dict[str, Any]) -> Camera:
     pose = np.column_stack([np.array(entry["rotation"], np.float64), np.array(entry["position"], np.float64)])
-    rotation, translation = camera_from_opencv(pose)
+    with np.errstate(invalid="ignore"):  # of an infinite position; the camera is checked
+        rotation, translation = camera_from_opencv(pose)
     width, height = int(entry["width"]), int(entry["height"])
     return Camera(rotation=rotation, translation=translation, fx=float(entry["fx"]), fy=float(entry["fy"]),
                   cx=float(entry.get("cx", width / 2)), cy=float(entry.get("cy", height / 2)), width=width, height=height,

@@ -1,9 +1,10 @@
-"""Finds and narrows Gaussians that the machine cannot place: they are so wide that they reach into frames far from their
-centre.
+"""Finds and narrows Gaussians that are so wide that they reach into frames from beyond the guard band, or from near its end.
 
-A centre beyond the range of `mean2d` saturates, and the splat then appears somewhere else. Only a splat that is far to the side
-and barely in front of the camera has its centre there, and only a wide one still meets the frame. The projection approximates
-such a splat badly in any case. It is narrowed and not removed, so that cameras in front of which it lies still see it.
+A Gaussian whose projected centre lies beyond the guard band is not drawn (`spec.guard_band`). Only one that is far to the side
+and barely in front of the camera has its centre there, and only a wide one would still meet the frame. So it appears or
+disappears at once, as a veil over the whole frame, when a camera turns by a few degrees, and no gradient leads the training to
+a model without it. The projection approximates such a splat badly in any case. It is narrowed and not removed, so that cameras
+in front of which it lies still see it.
 """
 
 from __future__ import annotations
@@ -17,23 +18,22 @@ from golden.diff.gaussians import Gaussians
 from golden.diff.projection import project
 from golden.scenes.camera import Camera
 from golden.training.scene import TrainingScene
-from spec.config import PAPER
 from spec.constants import FRUSTUM_MARGIN, SUPPORT_SIGMA
+from spec.guard_band import MEAN_RANGE, UNBOUNDED
 
 SAFETY = 0.25
-"""Share of the range of `mean2d` that centres may use in the known views, because other cameras are rotated by a few
-degrees."""
+"""Share of the guard band that the centres of wide splats may use in the known views, because other cameras are rotated by a
+few degrees."""
 
 NARROWED = 0.99
 """Scales are narrowed to this share of the widest accepted scale, so that rounding does not leave them too wide."""
 
-MEAN2D = PAPER.formats.mean2d
-FARTHEST = float(min(-MEAN2D.to_float(MEAN2D.raw_min), MEAN2D.to_float(MEAN2D.raw_max)))
+FARTHEST = min(-MEAN_RANGE[0], MEAN_RANGE[1])
 """Largest distance in pixels between the frame's corner and a centre."""
 
 
 class Bounds:
-    """The widest scales that the machine can place in the views of a scene.
+    """The widest scales with which no splat reaches into the views of a scene from near the end of the guard band.
 
     A splat at camera depth z and x to the side (or up) has its centre at f x / z pixels. Its footprint reaches at most
     SUPPORT_SIGMA f s / z sqrt(1 + t^2) pixels, where s is its largest standard deviation and t the slope to which the
@@ -49,7 +49,7 @@ class Bounds:
 
     @torch.no_grad()
     def apply(self, gaussians: Gaussians) -> int:
-        """Narrows, in place, the Gaussians that some view cannot place; returns how many these were."""
+        """Narrows, in place, the Gaussians that are too wide for some view; returns how many these were."""
         widest = gaussians.log_scales.amax(dim=1).exp()
         limit = torch.full_like(widest, math.inf)
         for camera in self._cameras:
@@ -58,7 +58,7 @@ class Bounds:
             beyond = (point[:, 2] > camera.near) & _beyond(_centre(point, camera), SAFETY * FARTHEST)
             rows = torch.nonzero(beyond & (widest > accepted)).squeeze(1)
             if len(rows):
-                rows = rows[project(gaussians.select(rows), camera, SUPPORT_SIGMA).index]
+                rows = rows[project(gaussians.select(rows), camera, SUPPORT_SIGMA, UNBOUNDED).index]
                 limit[rows] = torch.minimum(limit[rows], NARROWED * accepted[rows])
         wide = int(torch.isfinite(limit).sum())
         if wide:
@@ -67,9 +67,10 @@ class Bounds:
 
 
 def misplaced(gaussians: Gaussians, scene: TrainingScene, views: Sequence[int]) -> int:
-    """Number of splats, over all the views' frames, whose centre `mean2d` cannot hold."""
+    """Number of splats, over all the views' frames, that would meet the frame if their centre did not lie beyond the guard
+    band."""
     with torch.no_grad():
-        centres = (project(gaussians, scene.cameras[view], SUPPORT_SIGMA).mean2d for view in views)
+        centres = (project(gaussians, scene.cameras[view], SUPPORT_SIGMA, UNBOUNDED).mean2d for view in views)
         return sum(int(_beyond(each, FARTHEST).sum()) for each in centres)
 
 

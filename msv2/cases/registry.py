@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
-from msv2.cases import chunks, colour, compact, coverage, eyes, inputs, order, projection, saturated, self_check, supertiles
+from msv2.cases import (
+    chunks,
+    colour,
+    compact,
+    coverage,
+    eyes,
+    guard_band,
+    inputs,
+    order,
+    projection,
+    saturated,
+    self_check,
+    supertiles,
+)
 from msv2.cases.case import Case
 
 CASES: tuple[Case, ...] = tuple(sorted(
     (case for part in (
-        projection, coverage, inputs, colour, saturated, order, eyes, self_check, chunks, compact, supertiles)
+        projection, coverage, inputs, colour, saturated, order, eyes, self_check, chunks, compact, supertiles, guard_band)
      for case in part.CASES),
     key=lambda case: case.id))
 

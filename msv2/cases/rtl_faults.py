@@ -69,8 +69,10 @@ FAULTS = (
              patches={"rtl.vrc_array.pixel_core.t_stop": lambda formats: 0}),
     RtlFault("colours wrap", "saturations-are-counted", "colours", part="machine",
              patches={"rtl.culling.views.saturate": lambda value, number: value[: number.width]}),
-    RtlFault("saturated values are not counted", "saturations-are-counted", "means", part="machine",
+    RtlFault("saturated values are not counted", "saturations-are-counted", "depths", part="machine",
              patches={"rtl.culling.saturations.at_limit": lambda value, number: Const(0)}),
+    RtlFault("no guard band", "veil-beyond-the-range", "right", part="machine",
+             patches={"rtl.culling.projection.at_limit": lambda value, number: Const(0)}),
 )
 """All faults. Those in settings are played in one simulation, each of the others in an array or a machine of its own."""
 

@@ -27,8 +27,8 @@ _SUPERTILE = {register.name: register for register in registers.register_map(SUP
 
 _ADDED = {
     register.name: f" (only with {what})"
-    for what, machine in (("super-tiles", SUPERTILE_MACHINE), ("chunks", PAPER.with_(order="spatial", chunks=True)),
-                          ("stereo", PAPER.with_(stereo=True)))
+    for what, machine in (("packed frames", SUPERTILE_MACHINE), ("super-tiles", SUPERTILE_MACHINE.with_(packed=False)),
+                          ("chunks", PAPER.with_(order="spatial", chunks=True)), ("stereo", PAPER.with_(stereo=True)))
     for register in registers.register_map(machine)} | {
         register.name: "" if register.name in _SUPERTILE else " (not with super-tiles)"
         for register in registers.register_map(PAPER)}

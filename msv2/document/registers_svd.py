@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 from msv2.document.registers_map import enum_docs, register_list, words_of
 from spec.config import AcceleratorConfig
-from spec.registers import REGISTER_ADDRESS_BITS, VERSION_MAJOR, VERSION_MINOR, Access, Bits, Register
+from spec.registers import REGISTER_ADDRESS_BITS, VERSION_MAJOR, Access, Bits, Register, version_minor
 
 _ACCESS = {Access.READ_ONLY: "read-only", Access.READ_WRITE: "read-write", Access.CLEARING: "read-write"}
 
@@ -34,7 +34,7 @@ def svd(config: AcceleratorConfig) -> str:
     device = Element("device", {
         "schemaVersion": "1.3", "xmlns:xs": "http://www.w3.org/2001/XMLSchema-instance",
         "xs:noNamespaceSchemaLocation": "CMSIS-SVD.xsd"})
-    _add(device, name="MSV2", version=f"{VERSION_MAJOR}.{VERSION_MINOR + config.stereo}",
+    _add(device, name="MSV2", version=f"{VERSION_MAJOR}.{version_minor(config)}",
          description=f"Accelerator for foveated Gaussian splatting, machine {config.name}",
          addressUnitBits=8, width=32, size=32)
     peripheral = SubElement(SubElement(device, "peripherals"), "peripheral")

@@ -183,6 +183,8 @@ STUDIES = (
            Report("$MSV2_DATA/posed/fern@504x378 --tables representations,ablation --max-points 60000 --iterations 8000 --keep "
                   "--name training_fern", _files("training_fern", "json", "md", "png"), 200, f"{SCENES}, {TORCH}")),
           kept_by=BY_OUT),
+    Study("two_eyes", "msv2.studies.two_eyes.study", "a second eye from the same lists by super-tile: cycles and pixels",
+          (Report("--keep", _files("two_eyes", "json", "md"), 10, SCENES),)),
     Study("untrained_levels", "msv2.studies.untrained_levels.study", "levels of models that were not trained for them",
           (Report("--keep", ("untrained_levels.json",), 5, SCENES),)),
     Study("v3", "msv2.studies.v3.study", "what the steps from `paper` to `v3` give: bytes, cycles, energy, photographs",

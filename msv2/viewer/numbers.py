@@ -97,11 +97,11 @@ def of_frame(
     """
     trace = trace_of(golden, record=work.request.record)
     cycles = simulate(trace, work.config, memory=memory, merge=options.merge, beta=options.beta,
-                      display=options.display or isinstance(golden, StereoFrame))
+                      display=options.display or isinstance(golden, StereoFrame), packed=options.packed)
     energy = modelled_energy(trace, cycles, work.config, table, clock_hz=clock_hz)
     ideal = None
     if memory.kind == LPDDR3:
         bound = simulate(trace, work.config, memory=MemoryModel(IDEAL), merge=options.merge, beta=options.beta,
-                         display=options.display or isinstance(golden, StereoFrame))
+                         display=options.display or isinstance(golden, StereoFrame), packed=options.packed)
         ideal = bound.total
     return Numbers(cycles, energy, work.plan, work.config.name, ideal)

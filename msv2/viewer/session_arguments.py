@@ -14,6 +14,7 @@ from golden.scenes.request import (
 )
 from msv2.viewer.session import Session
 from perf.model import MemoryModel
+from spec.effects import with_packed_frames
 from spec.errors import InputError
 from spec.overrides import add_config_arguments, config_from
 
@@ -39,6 +40,8 @@ def session_of(args: argparse.Namespace) -> Session:
         InputError: an argument is not accepted.
     """
     config, options = config_from(args), run_options(args)
+    if options.packed:
+        with_packed_frames(config)  # raises where the machine packs no frames
     low, high = CLOCKS_MHZ
     if not low <= args.clock_mhz <= high:
         raise InputError(f"clock of {args.clock_mhz!r} MHz is not accepted: {low:g} to {high:,.0f} is")

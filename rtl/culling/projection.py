@@ -12,6 +12,7 @@ from rtl.culling.dataflow import Dataflow, Node
 from rtl.culling.datapath import Datapath
 from rtl.culling.frame import COUNTER_BITS, connect_settings, count_items, flatten, setting_ports
 from rtl.culling.near import limit_format, survivor_layout
+from rtl.culling.saturations import at_limit
 from rtl.culling.values import at_least_smallest, clamp, doubled, rescale, widen
 from rtl.fixed import as_integer, saturate
 from rtl.shapes import layout
@@ -51,8 +52,10 @@ class _Projection:
         axes = [self.splatted_axis(rows, column, length, near) for column, length in zip(
             self.rotation_columns(quat), scale, strict=True)]
         variances = self.conic(axes)
-        for i, (slope, variance) in enumerate(zip(slopes, variances, strict=True)):
-            self.box(i, self.pixels(i, slope), g.mul(variance, limit, n.work))
+        means = [self.pixels(i, slope) for i, slope in enumerate(slopes)]
+        for i, (mean, variance) in enumerate(zip(means, variances, strict=True)):
+            self.box(i, mean, g.mul(variance, limit, n.work))
+        g.output("beyond", g.logic("beyond", 1, lambda x, y: at_limit(x, n.mean2d) | at_limit(y, n.mean2d), *means))
         g.output("depth_key", g.logic("depth_key", n.depth_key, self.depth_key, z, self.settings["near"]))
         return g
 
@@ -164,7 +167,8 @@ def projection_graph(config: AcceleratorConfig) -> Dataflow:
 
 
 class Projection(wiring.Component):
-    """Turns survivors of the near test into splats, and drops splats whose box lies outside the frame.
+    """Turns survivors of the near test into splats, and drops splats whose box lies outside the frame or whose mean lies beyond
+    the guard band (`spec.guard_band`).
 
     Parameters:
         config: the machine; a Gaussian enters every `point_interval` cycles.
@@ -176,6 +180,7 @@ class Projection(wiring.Component):
             limits comes first.
         culled_outside: number of the frame's Gaussians that were culled here, among those that have left the unit. The count
             stays until the first item of the next frame leaves.
+        saturated_means: the same of those whose box meets the frame: they were culled because of their mean alone.
 
     Throughput: one Gaussian every `point_interval` cycles, culled or not. Latency and storage: those of the datapath of
     `projection_graph`.
@@ -186,7 +191,7 @@ class Projection(wiring.Component):
         super().__init__({
             **setting_ports(config, SETTINGS),
             "sink": In(stream.Signature(survivor_layout(config))), "source": Out(stream.Signature(self._splat)),
-            "culled_outside": Out(COUNTER_BITS)})
+            "culled_outside": Out(COUNTER_BITS), "saturated_means": Out(COUNTER_BITS)})
         graph, survivor = projection_graph(config), survivor_layout(config)
         self._carried = data.StructLayout({
             name: survivor[name].shape for name in ("index", "bound", "log2_opacity", "offset", "depth", "end")})
@@ -201,8 +206,9 @@ class Projection(wiring.Component):
         computed = {name: point[name] for name in ("offset", "z", "scale", "quat", "limit")}
         for name, value in flatten(computed).items():
             m.d.comb += entry[name].eq(value)
-        end, outside = found.carried.end, found.outside_x | found.outside_y
-        passes = end | ~outside
+        end, boxed = found.carried.end, ~(found.outside_x | found.outside_y)
+        inside = boxed & ~found.beyond
+        passes = end | inside
         for name, _ in self._carried:
             m.d.comb += entry.carried[name].eq(point[name])
         with m.If(~end):  # the other fields of an item with `end` are 0
@@ -215,5 +221,6 @@ class Projection(wiring.Component):
             splat.end.eq(end),
             path.sink.valid.eq(self.sink.valid), self.sink.ready.eq(path.sink.ready),
             self.source.valid.eq(path.source.valid & passes), path.source.ready.eq(self.source.ready | ~passes)]
-        count_items(m, path.source.valid & path.source.ready, end, (self.culled_outside, outside))
+        count_items(m, path.source.valid & path.source.ready, end, (self.culled_outside, ~inside),
+                    (self.saturated_means, boxed & found.beyond))
         return m

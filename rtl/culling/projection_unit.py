@@ -16,9 +16,13 @@ from spec.records import gaussian_point, projected_splat
 
 SETTINGS = tuple(dict.fromkeys((*near.SETTINGS, *projection.SETTINGS)))
 
+COUNTS = ("culled_near", "culled_faint", "culled_outside", "saturated_means")
+"""What the unit counts in a frame."""
+
 
 class ProjectionUnit(wiring.Component):
-    """The near test, then projection of the Gaussians that pass it, then the test of their box against the frame.
+    """The near test, then projection of the Gaussians that pass it, then the tests of their box against the frame and of their
+    mean against the guard band (`spec.guard_band`).
 
     One pipeline, whose operators each serve `point_interval` operations, replaces `culling_units` units that take eight cycles
     per Gaussian. It does the same work with as many operators, but with fewer registers and multiplexers
@@ -35,7 +39,8 @@ class ProjectionUnit(wiring.Component):
             first, and no float is a zero with a fraction or a sign.
         culled_near, culled_faint, culled_outside: the frame's culled Gaussians by reason; each counts for the first reason that
             holds. The counts are final when `end` leaves, and stay until the next frame's first Gaussian leaves the near test
-            (for culled_outside, until the next frame's first survivor leaves projection).
+            (for culled_outside and saturated_means, until the next frame's first survivor leaves projection).
+        saturated_means: those of culled_outside whose box meets the frame.
 
     Throughput: one Gaussian every `point_interval` cycles, culled or not, while the source is taken. Latency: about 120 to
     150 cycles. Storage: the datapaths' output queues, with space for all Gaussians in the pipeline.
@@ -46,7 +51,7 @@ class ProjectionUnit(wiring.Component):
             **setting_ports(config, SETTINGS),
             "sink": In(stream.Signature(layout(gaussian_point(config)))),
             "source": Out(stream.Signature(layout(projected_splat(config)))),
-            **{name: Out(COUNTER_BITS) for name in ("culled_near", "culled_faint", "culled_outside")}})
+            **{name: Out(COUNTER_BITS) for name in COUNTS}})
         self.near_test, self.projection = NearTest(config), Projection(config)
 
     def elaborate(self, platform: object) -> Module:
@@ -59,5 +64,5 @@ class ProjectionUnit(wiring.Component):
         wiring.connect(m, self.projection.source, wiring.flipped(self.source))
         m.d.comb += [
             self.culled_near.eq(self.near_test.culled_near), self.culled_faint.eq(self.near_test.culled_faint),
-            self.culled_outside.eq(self.projection.culled_outside)]
+            self.culled_outside.eq(self.projection.culled_outside), self.saturated_means.eq(self.projection.saturated_means)]
         return m

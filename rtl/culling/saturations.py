@@ -12,7 +12,7 @@ from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.formats import Fixed
 from spec.queues import COUNTER_BITS
-from spec.saturations import SATURATIONS, STREAMS, Saturation, limits
+from spec.saturations import STREAMS, WATCHED, Saturation, limits
 
 
 def at_limit(value: Value, number: Fixed) -> Value:
@@ -21,7 +21,8 @@ def at_limit(value: Value, number: Fixed) -> Value:
 
 
 class SaturationCounters(wiring.Component):
-    """Counts the saturated values that `spec.saturations` names. The unit only observes: no other unit waits for it.
+    """Counts the saturated values that `spec.saturations` watches in records. The unit only observes: no other unit waits for
+    it. Saturated means are counted by the projection unit, which culls them.
 
     Parameters:
         config: the machine; formats matter here.
@@ -30,8 +31,7 @@ class SaturationCounters(wiring.Component):
         splats, views: the records of `spec.saturations.STREAMS` that are offered.
         splats_move, views_move: such a record is transferred.
         clear: strobe: set all counts to 0.
-        saturated_means, saturated_depths, saturated_keys, saturated_colours: number of records since `clear` with a number at
-            a limit.
+        saturated_depths, saturated_keys, saturated_colours: number of records since `clear` with a number at a limit.
 
     Throughput: one record of each kind per cycle. Latency: a record counts three cycles after its transfer. Comparisons and
     handshakes are registered first, so that they do not lengthen paths of the observed units::
@@ -50,14 +50,14 @@ class SaturationCounters(wiring.Component):
         super().__init__({
             **{name: In(layout(record(config))) for name, record in STREAMS.items()},
             **{f"{name}_move": In(1) for name in STREAMS},
-            "clear": In(1), **{saturation.name: Out(COUNTER_BITS) for saturation in SATURATIONS}})
+            "clear": In(1), **{saturation.name: Out(COUNTER_BITS) for saturation in WATCHED}})
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
         moved = {name: Signal(name=f"{name}_moved") for name in STREAMS}
         for name, was in moved.items():
             m.d.sync += was.eq(getattr(self, f"{name}_move"))
-        for saturation in SATURATIONS:
+        for saturation in WATCHED:
             self._count(m, saturation, moved[saturation.stream])
         return m
 

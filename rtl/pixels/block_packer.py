@@ -177,15 +177,17 @@ class BlockPacker(wiring.Component):
         most = 2 * BEAT_BYTES - 1 + PIECE_BYTES
         waiting, count = Signal(8 * most), Signal(range(most + BEAT_BYTES))
         block = data.StructLayout({"number": row.place.block.shape(), "size": 4})
-        current, after, begun, queued = Signal(block), Signal(block), Signal(), Signal()
+        current, after, begun, queued, some = Signal(block), Signal(block), Signal(), Signal(), Signal()
         sent, state, follows = Signal(4), Signal(CHECK_BITS), Signal(CHECK_BITS)
-        sends, leaves, ends, takes = Signal(), Signal(), Signal(), Signal()
-        begins, last, some = row.place.row == 0, row.place.row == BLOCK_HEIGHT - 1, current.size.any()
+        sends, leaves, ends, takes, pops = Signal(), Signal(), Signal(), Signal(), Signal()
+        begins, last = row.place.row == 0, row.place.row == BLOCK_HEIGHT - 1
         head, beats, left = begins & ~_plain(row.size) & row.size.any(), count[_LOW:], Signal.like(count[_LOW:])
+        behind = (beats > 1) | (beats == 1) & ~pops  # a beat is left where one leaves; `left` comes too late to tell
         out, first, total = sink.payload, Signal(block), Signal.like(count)
         m.d.comb += [
             sends.eq(begun & (beats.any() | ~some)), leaves.eq(sends & sink.ready), ends.eq(leaves & out.last),
-            left.eq(beats - (leaves & some)), advance.eq(~row.valid | (left <= 1) & (~begins | ~queued)),
+            pops.eq(begun & some & sink.ready), left.eq(beats - (beats.any() & pops)),
+            advance.eq(~row.valid | ((beats <= 1) | (beats == 2) & pops) & (~begins | ~queued)),
             takes.eq(advance & row.valid), follows.eq(next_state(state, waiting[: 8 * BEAT_BYTES])),
             sink.valid.eq(sends), out.word.eq(waiting[: 8 * BEAT_BYTES]), out.block.eq(current.number),
             out.size.eq(Mux(some, sent + 1, 0)), out.last.eq(out.size == current.size), out.check.eq(Mux(some, follows, 0)),
@@ -197,7 +199,7 @@ class BlockPacker(wiring.Component):
         m.d.sync += [waiting.eq(kept), count.eq(Cat(count[:_LOW], left))]
         with m.If(takes):
             m.d.sync += [
-                waiting.eq(kept | Mux(left.any(), placed << 8 * BEAT_BYTES, placed)),
+                waiting.eq(kept | Mux(behind, placed << 8 * BEAT_BYTES, placed)),
                 count.eq(Mux(last, Cat(Const(0, _LOW), (total + (BEAT_BYTES - 1))[_LOW:]), total))]
         with m.If(leaves):
             m.d.sync += [sent.eq(sent + 1), state.eq(follows)]
@@ -205,7 +207,7 @@ class BlockPacker(wiring.Component):
             follower = Signal(block)
             m.d.comb += follower.eq(Mux(queued, after, first))
             m.d.sync += [begun.eq(queued | takes & begins), queued.eq(0), current.eq(follower), sent.eq(0),
-                         state.eq(first_state(follower.number))]
+                         some.eq(follower.size.any()), state.eq(first_state(follower.number))]
         with m.Elif(takes & begins):
             m.d.sync += [queued.eq(1), after.eq(first)]
         return count.any() | begun

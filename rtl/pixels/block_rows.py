@@ -31,7 +31,7 @@ class BlockRows(wiring.Component):
     Ports:
         rows: PixelRow items. Those of a tile come as the array gives them: band by band, in a band by columns, then by rows.
         block_rows: BlockRow items, the tiles in the same order. Pixels beyond the frame are what the array gave.
-        width, height: size of the frame in pixels; stable while `busy`.
+        width, height: size of the frame in pixels; stable from a cycle before its first row on, and while `busy`.
         busy: a row is inside, or a part of one.
 
     Storage: a row, and where the array is narrower than a block, the parts of `cores_y` rows but the last. Throughput: an item
@@ -53,8 +53,8 @@ class BlockRows(wiring.Component):
         row, out = self.rows.payload, self.block_rows
         pixels = Cat(self._display(lane) for lane in range(self.config.cores_x))
         whole, completes, waiting = self._join(m, pixels)
-        columns = Signal(TILE_BITS)
-        m.d.comb += columns.eq((self.width + BLOCK_WIDTH - 1) >> (BLOCK_WIDTH - 1).bit_length())
+        columns = Signal(TILE_BITS, reset_less=True)
+        m.d.sync += columns.eq((self.width + BLOCK_WIDTH - 1) >> (BLOCK_WIDTH - 1).bit_length())
         left, y = Signal(14), Cat(row.row, row.tile_y)
         m.d.comb += [
             left.eq(self.width - (row.tile_x << (BLOCK_WIDTH - 1).bit_length())),

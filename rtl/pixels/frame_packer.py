@@ -40,7 +40,7 @@ class FramePacker(wiring.Component):
         width, height, frame_base: settings of the frame; stable from `begin` to `finished`.
         tile_count: tiles of the frame.
         begin: strobe before a frame's first row; clears `finished` and `pixels`.
-        pixels: the frame's pixels that have come since `begin`, up to the previous cycle; always 0 without `config.counters`.
+        pixels: the frame's pixels that have come since `begin`, up to two cycles before; always 0 without `config.counters`.
         finished: all rows of `tile_count` tiles have arrived since `begin`, and memory has all blocks and the table. Stays high
             until `begin`.
         busy: a row is inside.
@@ -109,8 +109,9 @@ class FramePacker(wiring.Component):
         tiles, rows = Signal.like(self.tile_count), self._rows.block_rows
         with m.If(taken & beat.last & beat.block[: (BLOCKS - 1).bit_length()].all()):
             m.d.sync += tiles.eq(tiles + 1)
+        came = Signal.like(rows.payload.inside)
         if self._config.counters:
-            m.d.sync += self.pixels.eq(self.pixels + Mux(rows.valid & rows.ready, rows.payload.inside, 0))
+            m.d.sync += [came.eq(Mux(rows.valid & rows.ready, rows.payload.inside, 0)), self.pixels.eq(self.pixels + came)]
         with m.If(self.begin):
-            m.d.sync += [tiles.eq(0), self.pixels.eq(0)]
+            m.d.sync += [tiles.eq(0), came.eq(0), self.pixels.eq(0)]
         m.d.comb += [complete.eq(tiles == self.tile_count), self.finished.eq(complete & ~due & ~self.busy & self.writes_idle)]

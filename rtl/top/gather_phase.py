@@ -10,6 +10,7 @@ from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
 from rtl.culling.saturations import SaturationCounters
+from rtl.pixels.frame_writer import FrameWriter
 from rtl.shapes import layout
 from rtl.sort_tmu.handover import handover
 from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
@@ -36,7 +37,7 @@ from spec.records import (
     tile_group,
 )
 from spec.registers import CHUNK_READ_CLIENTS
-from spec.saturations import SATURATIONS
+from spec.saturations import WATCHED
 from spec.supertiles import check_supertiles, frame_rows, supertile
 
 READERS, WRITERS = ("tiles", "colour", "entries", "spill", *CHUNK_READ_CLIENTS), ("spill", "frame")
@@ -45,7 +46,7 @@ READERS, WRITERS = ("tiles", "colour", "entries", "spill", *CHUNK_READ_CLIENTS),
 STAGES = ("list_read", "sort", "handover", "fetch", "colour", "batch", "array", "pixel_write")
 """Stages of this phase whose input streams are watched by the performance counters."""
 
-_SATURATED = tuple(s.name for s in SATURATIONS if s.stream == "views")
+_SATURATED = tuple(s.name for s in WATCHED if s.stream == "views")
 
 _COUNTS = (
     "groups", "spilled_entries", "header_hits", "header_misses", "batches", "visits", "ops", "skipped", "pixels", *_SATURATED)
@@ -78,6 +79,8 @@ class GatherPhase(wiring.Component):
     `listed`, with the ends of super-tiles, `gathered` as `tested`, projected and tested again, for which it needs `supertiles`.
     Neither reader of lists keeps the other waiting for ever: that of super-tiles takes all lists of a frame without waiting,
     and ListReader has space for more lists than a super-tile has, so that a super-tile comes before its pairs.
+
+    Where the machine packs frames, FrameWriter stands in PixelWriter's place.
 
     Parameters:
         config: the machine, with super-tiles; `incremental` selects the handover behind the sorter.
@@ -127,7 +130,8 @@ class GatherPhase(wiring.Component):
         m.submodules.fetch = fetch = RecordFetch(self.config)
         m.submodules.colour = colour = PairColour(self.config, sh_degree=self.config.sh_degree)
         batches, array = self._arrays(m)
-        m.submodules.writer = writer = PixelWriter(frame_rows(self.config))
+        wide = frame_rows(self.config)
+        m.submodules.writer = writer = FrameWriter(wide) if self.config.packed else PixelWriter(wide)
         for unit in dict.fromkeys((reader, sorter, fetch, colour, batches, array, writer)):
             connect_settings(m, self, unit)
         m.d.comb += [
@@ -218,7 +222,7 @@ class GatherPhase(wiring.Component):
 
     def _count(
         self, m: Module, sorter: HierarchicalSorter, fetch: RecordFetch, colour: PairColour,
-        batches: BatchBuffer | StreamArrays, array: BatchArray | StreamArrays, writer: PixelWriter,
+        batches: BatchBuffer | StreamArrays, array: BatchArray | StreamArrays, writer: PixelWriter | FrameWriter,
     ) -> None:
         m.submodules.saturations = counts = SaturationCounters(self.config)
         lists, places = self.listed, colour.places

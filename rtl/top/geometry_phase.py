@@ -21,7 +21,7 @@ from rtl.top.ports import connect_settings, phase_ports, watch
 from spec.config import AcceleratorConfig
 from spec.records import frame_tiles, intersection_tile
 from spec.registers import CHUNK_EVENTS, CHUNK_READ_CLIENTS
-from spec.saturations import SATURATIONS
+from spec.saturations import SATURATIONS, WATCHED
 
 WRITERS = ("entries", "views")
 """Memory clients of this phase that write, by the names of `spec.registers`."""
@@ -147,7 +147,8 @@ class GeometryPhase(wiring.Component):
                 m.d.sync += getattr(self, name).eq(0)
         m.d.comb += [
             self.culled_near.eq(projection.culled_near), self.culled_faint.eq(projection.culled_faint),
-            self.culled_outside.eq(projection.culled_outside), self.filtered.eq(tile_test.filtered)]
+            self.culled_outside.eq(projection.culled_outside), self.saturated_means.eq(projection.saturated_means),
+            self.filtered.eq(tile_test.filtered)]
 
     def _count_saturated(self, m: Module, projection: ProjectionUnit, colour: ColourUnit) -> None:
         m.submodules.saturations = counts = SaturationCounters(self.config)
@@ -156,4 +157,4 @@ class GeometryPhase(wiring.Component):
             counts.clear.eq(self.clear),
             counts.splats.eq(splats.payload), counts.splats_move.eq(splats.valid & splats.ready & ~splats.payload.end),
             counts.views.eq(views.payload.word.as_value()), counts.views_move.eq(views.valid & views.ready),
-            *(getattr(self, s.name).eq(getattr(counts, s.name)) for s in SATURATIONS)]
+            *(getattr(self, s.name).eq(getattr(counts, s.name)) for s in WATCHED)]

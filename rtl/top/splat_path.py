@@ -6,6 +6,7 @@ from amaranth.hdl import Module, Mux
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from rtl.culling.projection_unit import COUNTS as PROJECTED
 from rtl.culling.projection_unit import ProjectionUnit
 from rtl.culling.saturations import SaturationCounters
 from rtl.shapes import layout
@@ -16,16 +17,15 @@ from spec.config import AcceleratorConfig
 from spec.memory import frame_settings
 from spec.queues import COUNTER_BITS
 from spec.records import gaussian_point, surviving_splat, tile_level
-from spec.saturations import SATURATIONS
+from spec.saturations import WATCHED
 from spec.supertiles import check_supertiles, supertile, supertile_pair
 
 STAGES = ("projection", "tile_test")
 """Stages whose input streams are watched by the performance counters, in both phases."""
 
-_CULLED = ("culled_near", "culled_faint", "culled_outside")
-_SATURATED = tuple(s.name for s in SATURATIONS if s.stream == "splats")
+_SATURATED = tuple(s.name for s in WATCHED if s.stream == "splats")
 
-COUNTS = (*_CULLED, "survivors", "entries", "filtered", *_SATURATED)
+COUNTS = (*PROJECTED, "survivors", "entries", "filtered", *_SATURATED)
 """What is counted, in the first phase alone."""
 
 
@@ -101,7 +101,7 @@ class SplatPath(wiring.Component):
         m.submodules.saturations = counts = SaturationCounters(self.config)
         splats = projection.source
         with m.If(~self.rendering):
-            m.d.sync += [getattr(self, name).eq(getattr(projection, name)) for name in _CULLED]
+            m.d.sync += [getattr(self, name).eq(getattr(projection, name)) for name in PROJECTED]
         m.d.comb += [
             counts.clear.eq(self.clear), counts.splats.eq(splats.payload),
             counts.splats_move.eq(splats.valid & splats.ready & ~splats.payload.end & ~self.rendering),

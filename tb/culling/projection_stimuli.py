@@ -11,6 +11,7 @@ from golden.host.quantise import GaussianWords
 from golden.host.registers import FrameRegisters, frame_registers
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.projection import FAINT, NEAR, OUTSIDE, project, projected_splats
+from golden.msv2_ref.saturations import misplaced
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import Display, no_foveation
 from spec import tables
@@ -68,8 +69,9 @@ class Case:
     @property
     def observed(self) -> dict[str, int]:
         """The counters after the last frame."""
-        reason = project(self.config, self.frames[-1], self.registers).reason
-        return {name: int((reason == code).sum()) for name, code in REASONS.items()}
+        projected = project(self.config, self.frames[-1], self.registers)
+        culled = {name: int((projected.reason == code).sum()) for name, code in REASONS.items()}
+        return {**culled, "saturated_means": int(misplaced(projected).sum())}
 
     @property
     def settings(self) -> dict[str, int]:
@@ -261,6 +263,33 @@ def uniform_case(config: AcceleratorConfig, rng: np.random.Generator, fate: str,
     pixels = np.column_stack([np.full(count, x), rng.uniform(0, 200, count)])
     place(config, rows, c, pixels, np.full(count, -2.0 if fate == "culled_near" else 3.0))
     return Case(f"rate, {fate}", config, (words_of(config, rows),), view(config, c))
+
+
+def guard_band_ends(config: AcceleratorConfig) -> tuple[int, ...]:
+    """The ends of the range of raw means, and what lies one ulp to either side."""
+    to = config.formats.mean2d
+    return tuple(end + off for end in (to.raw_min, to.raw_max) for off in (-1, 0, 1))
+
+
+def guard_band_case(config: AcceleratorConfig, rng: np.random.Generator, number: int, count: int = 200) -> Case:
+    """Giants whose means lie exactly at an end of the guard band or an ulp of `mean2d` beside it: along x at the end of this
+    number in `guard_band_ends`, along y at another one.
+
+    There, slopes are multiples of some ulps of `mean2d`, so the principal point decides which raw means occur. The focal length
+    and the distance are powers of two, so every slope is exact.
+    """
+    to, ends = config.formats.mean2d, guard_band_ends(config)
+    step = 1 << max(0, to.int_bits + 1 + to.frac_bits - config.formats.view.sig_bits)  # between slopes beyond the range
+    at = np.array([ends[number], ends[(number + 3) % len(ends)]])
+    centre = (128 << to.frac_bits) + at % step
+    c = replace(camera(256, 256, turned=False), cx=centre[0] / (1 << to.frac_bits), cy=centre[1] / (1 << to.frac_bits))
+    inner = (rng.integers(0, 256 << to.frac_bits, (count, 2)) - centre) // step * step + centre
+    chosen = rng.choice([1, 2, 3], count)[:, None] >> np.arange(2) & 1  # the axes along which a mean lies at an end
+    raw = np.where(chosen, at + step * rng.choice([0, 0, 0, -1, 1], (count, 2)), inner)
+    rows = random_geometry(config, rng, count)
+    place(config, rows, c, raw / (1 << to.frac_bits), np.full(count, 2.0))
+    rows["scale"] = config.formats.scale.quantise(rng.uniform(60, 400, (count, 3)) * 2.0 ** (to.int_bits - 14))
+    return Case(f"guard band, end {number}", config, (words_of(config, rows),), view(config, c))
 
 
 def traced_case(frame: Frame, name: str) -> Case:

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 
 from rtl.culling.frame import COUNTER_BITS
+from rtl.culling.projection_unit import COUNTS
 from spec.config import DEFAULT, PAPER, PAPER_SMALL, TINY, AcceleratorConfig
 from spec.memory import frame_settings
 from spec.records import gaussian_point, projected_splat
@@ -22,6 +23,8 @@ from tb.culling.projection_stimuli import (
     SETTINGS,
     Case,
     case_of,
+    guard_band_case,
+    guard_band_ends,
     mixed_case,
     shortened,
     traced_case,
@@ -53,7 +56,7 @@ def playback(config: AcceleratorConfig) -> Playback:
         verilog=emitted("projection_unit", config),
         inputs=(Stream("sink", gaussian_point(config)),), outputs=(Stream("source", projected_splat(config)),),
         settings=tuple((name, widths[name]) for name in SETTINGS),
-        observed=tuple((name, COUNTER_BITS) for name in REASONS))
+        observed=tuple((name, COUNTER_BITS) for name in COUNTS))
 
 
 def plan_of(case: Case, name: str | None = None, **options: object) -> Planned:
@@ -80,6 +83,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     for size in ((1, 1), (16, 16), (17, 33), (config.row_width, config.row_width)):
         plan.append(plan_of(case_of(config, rng, "ordinary", size=size, count=120, turned=False)))
         plan.append(plan_of(case_of(config, rng, "edges of the frame", size=size, count=120)))
+    plan += [plan_of(guard_band_case(config, rng, number)) for number in range(len(guard_band_ends(config)))]
     streams = mixed_case(config, rng, "streams", [40, 0, 1, 130, 0, 0, 60])
     for name, patterns in every_pattern(PORTS, seed).items():
         plan.append(plan_of(streams, name, patterns=patterns, reset=False))

@@ -22,7 +22,7 @@ from golden.scenes.request import (
 )
 from spec.command_line import add_out_argument, choice, command_parser
 from spec.config import AcceleratorConfig
-from spec.effects import with_two_eyes
+from spec.effects import with_packed_frames, with_two_eyes
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import BUILD, short_path
@@ -71,6 +71,7 @@ examples:
   %(prog)s --merge 0 --pipeline 0                 the baseline: no merging, double buffers between stages
   %(prog)s --effects all --pixels display --config paper_small    every effect and a second eye, on neutral data
   %(prog)s --pixels display                       4 bytes a pixel instead of 16
+  %(prog)s --pixels packed --config v3_packed     a packed frame, which takes about half of that
   %(prog)s --memory lpddr3                        four channels of LPDDR3-1600 instead of the ideal memory
   %(prog)s --frames 3 --turn 5                    three frames in a row, each with the lists that suit the one before
   %(prog)s --stereo --ecc-thresh 27 --config paper_small    two eyes, the second warped beyond 27 degrees
@@ -115,6 +116,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.part == "array" and config.supertiles:
         raise InputError(f"part 'array' is not accepted: config {config.name!r} has lists by super-tile, whose array takes "
                          "visits of tiles; config 'paper' has the array of this part")
+    if options.packed:
+        with_packed_frames(config)  # raises where the machine packs no frames
     work = work_for(args, resolve(args), config, contention=options.bytes_per_cycle is not None, full=options.full)
     with output_folder(args.out, BUILD / "frame") as out:
         return _simulated(args, work, config, options, waves, out)
@@ -145,7 +148,7 @@ def _one_eye(
     """Simulates one frame, saves its picture and returns its numbers. The machine of a second eye writes display pixels only,
     so with a forced second eye that machine is simulated only for display pixels."""
     how = {"beta": options.beta, "speed": _speed(options), "waves": waves}
-    two = work.second_eye_forced and options.display
+    two = work.second_eye_forced and options.display and not options.packed
     if two and args.frames > 1:
         raise InputError(f"frames {args.frames} is not accepted with effects {args.effects!r}, which have a second eye: 1 is")
     golden = golden_row(work, args.frames, args.turn, beta=options.beta)
@@ -159,7 +162,8 @@ def _one_eye(
         numbers, result = simulate_eyes(eyes, device.machine(work.config), folder, **how)
         save_png(out / "frame.png", picture(golden[0], result.pixels))
         return numbers
-    found = simulate_row(golden, device.machine(work.config), folder, display=options.display, **how)
+    found = simulate_row(
+        golden, device.machine(work.config), folder, display=options.display, packed=options.packed, **how)
     for number, (frame, (_, pixels)) in enumerate(zip(golden, found, strict=True)):
         save_png(out / (f"frame_{number}.png" if args.frames > 1 else "frame.png"), picture(frame, pixels))
     return row_numbers([numbers for numbers, _ in found], args.turn)

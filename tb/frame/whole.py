@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from golden.host.memory_image import DisplayPixels, FramePixels
+from golden.host.memory_image import DisplayPixels, FramePixels, PackedPixels
 from golden.msv2_ref.array import Pixels
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.projection import VISIBLE
@@ -32,28 +32,28 @@ _UNCERTAIN = {False: (*_COMMON[:2], "fetch_hits", "fetch_misses", *_COMMON[2:]),
 
 def simulate_machine(
     frame: Frame, machine: Machine, folder: Path, *, beta: int | None, speed: MemorySpeed, display: bool = False,
-    waves: Waves | None = None,
-) -> tuple[dict[str, object], FramePixels | DisplayPixels]:
+    packed: bool = False, waves: Waves | None = None,
+) -> tuple[dict[str, object], FramePixels | DisplayPixels | PackedPixels]:
     """The numbers of frame.json, and the pixels that the machine wrote.
 
     Raises:
         SimulationError: the build fails, or the machine does not finish its frame.
     """
-    (found,) = simulate_row([frame], machine, folder, beta=beta, speed=speed, display=display, waves=waves)
+    (found,) = simulate_row([frame], machine, folder, beta=beta, speed=speed, display=display, packed=packed, waves=waves)
     return found
 
 
 def simulate_row(
     frames: Sequence[Frame], machine: Machine, folder: Path, *, beta: int | None, speed: MemorySpeed, display: bool = False,
-    waves: Waves | None = None,
-) -> list[tuple[dict[str, object], FramePixels | DisplayPixels]]:
+    packed: bool = False, waves: Waves | None = None,
+) -> list[tuple[dict[str, object], FramePixels | DisplayPixels | PackedPixels]]:
     """The same for golden frames that follow each other without a reset, and in a memory that nobody clears between them. With
     super-tiles, each must have the bounds of the one before.
 
     Raises:
         SimulationError: the build fails, or the machine does not finish a frame.
     """
-    runs = [frame_run(frame, beta, speed, f"frame {n}", display=display, reset=n == 0, poison=n == 0)
+    runs = [frame_run(frame, beta, speed, f"frame {n}", display=display, packed=packed, reset=n == 0, poison=n == 0)
             for n, frame in enumerate(frames)]
     results, build_s = played(machine, runs, folder, waves)
     return [
@@ -109,7 +109,8 @@ def performance(
                           speed.bytes_per_cycle, second=second)
     render = r["cycles_render"]
     return {
-        "cycles": result.cycles, "frame_cycles": r["cycles_total"], "table_cycles": r["cycles_table"],
+        "cycles": result.cycles, "idle_cycles": result.idle_cycles,
+        "frame_cycles": r["cycles_total"], "table_cycles": r["cycles_table"],
         "geometry_cycles": r["cycles_geometry"], "render_cycles": render,
         "overlapped_cycles": max(r["cycles_geometry"], render),
         "bound_cycles": max(bounds.values()), "bounds": bounds,
@@ -130,9 +131,9 @@ def _beats(registers: Mapping[str, int], way: str, clients: tuple[str, ...]) -> 
     return sum(registers[f"{way}_beats_{name}"] for name in clients)
 
 
-def picture(frame: Frame, pixels: FramePixels | DisplayPixels) -> np.ndarray:
+def picture(frame: Frame, pixels: FramePixels | DisplayPixels | PackedPixels) -> np.ndarray:
     """The picture of a frame from memory, (height, width, 3): float64, or uint8 where the frame has display pixels."""
-    if isinstance(pixels, DisplayPixels):
+    if not isinstance(pixels, FramePixels):
         return pixels.colour.astype(np.uint8)
     return replace(frame, pixels=tiled(frame, pixels)).image
 

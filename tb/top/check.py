@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from golden.host.memory_image import DisplayPixels, FramePixels, memory_image, spill_beats
+from golden.host.memory_image import DisplayPixels, FramePixels, PackedPixels, memory_image, spill_beats
 from golden.msv2_ref import projection
 from golden.msv2_ref.batches import FrameBatches
 from golden.msv2_ref.frame_memory import display_pixels, frame_pixels, list_lengths
@@ -13,6 +13,7 @@ from golden.msv2_ref.saturations import frame_saturations
 from spec.constants import TILE
 from spec.memory import page_beats
 from tb.frame.bound import array_ops
+from tb.top.check_packed import packed_counter_errors, packed_differences
 from tb.top.expected import expected_pass
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult, FrameRun
@@ -20,7 +21,7 @@ from tb.top.player import FrameResult, FrameRun
 
 def frame_run(
     frame: Frame, beta: int | None, speed: MemorySpeed | None = None, name: str = "frame", *, obb: bool = False,
-    display: bool = False, **options: object,
+    display: bool = False, packed: bool = False, **options: object,
 ) -> FrameRun:
     """The run of a golden frame, with exactly as much memory as it needs.
 
@@ -30,13 +31,14 @@ def frame_run(
         speed: the memory's speed.
         name: the run's name, for messages.
         display: whether the machine writes display pixels.
+        packed: whether it packs the frame.
         options: further arguments of FrameRun.
     """
     entries_beats, spill = room(frame)
-    image = memory_image(frame.config, frame.words, frame.registers, beta=beta, obb=obb, display=display,
+    image = memory_image(frame.config, frame.words, frame.registers, beta=beta, obb=obb, display=display, packed=packed,
                          entries_beats=entries_beats, spill_beats=spill)
     speed = speed or MemorySpeed()
-    return FrameRun(name, image, speed, expected=(expected_pass(frame, speed, display=display),), **options)
+    return FrameRun(name, image, speed, expected=(expected_pass(frame, speed, display=display or packed),), **options)
 
 
 def room(frame: Frame) -> tuple[int, int]:
@@ -45,8 +47,12 @@ def room(frame: Frame) -> tuple[int, int]:
     return page_beats(counts), spill_beats(frame.config, np.bincount(frame.groups, counts).astype(np.int64))
 
 
-def mismatches(frame: Frame, pixels: FramePixels | DisplayPixels) -> list[dict[str, object]]:
-    """Every value in which a frame from memory differs from the golden one, in the order of tiles."""
+def mismatches(frame: Frame, pixels: FramePixels | DisplayPixels | PackedPixels) -> list[dict[str, object]]:
+    """Every value in which a frame from memory differs from the golden one, in the order of tiles; of a packed frame its
+    entries and beats, too."""
+    if isinstance(pixels, PackedPixels):
+        golden = display_pixels(frame)
+        return packed_differences(golden, pixels) + differences(golden, DisplayPixels(pixels.colour, pixels.coverage))
     return differences(display_pixels(frame) if isinstance(pixels, DisplayPixels) else frame_pixels(frame), pixels)
 
 
@@ -80,7 +86,9 @@ def counter_errors(frame: Frame, result: FrameResult) -> list[str]:
     """Descriptions of the counters that differ from the golden frame's values and from the memory's counts."""
     if not frame.config.counters:
         return []
-    return wrong_counters(expected_events(frame), result) + (_wrong_visits(frame, result) if frame.config.supertiles else [])
+    packed = packed_counter_errors(frame, result) if isinstance(result.pixels, PackedPixels) else []
+    visits = _wrong_visits(frame, result) if frame.config.supertiles else []
+    return wrong_counters(expected_events(frame), result) + visits + packed
 
 
 def _wrong_visits(frame: Frame, result: FrameResult) -> list[str]:

@@ -84,11 +84,12 @@ async def frames(dut: object) -> None:
     lite = Lite(dut)
     cocotb.start_soon(Clock(dut.clk, CLOCK_NS, "ns").start())
     expected = [Progress([Pass(**item) for item in frame["passes"]]) for frame in orders["frames"]]
-    report = []
+    report, ended = [], 0.0
     with tqdm(total=sum(progress.total for progress in expected), disable=not orders["progress"], desc="RTL geometry ",
               mininterval=1, bar_format="{l_bar}{bar}| {elapsed}<{remaining}") as bar:
         for frame, progress in zip(orders["frames"], expected, strict=True):
-            report.append(await _frame(dut, lite, orders, frame, _Shown(bar, progress)))
+            found, ended = await _frame(dut, lite, orders, frame, _Shown(bar, progress), ended)
+            report.append(found)
     (folder / "report.json").write_text(json.dumps(report))
 
 
@@ -113,12 +114,20 @@ class _Shown:
         self._shown = done
 
 
-async def _frame(dut: object, lite: Lite, orders: dict, frame: dict, shown: _Shown) -> dict:
+async def _frame(
+    dut: object, lite: Lite, orders: dict, frame: dict, shown: _Shown, ended: float,
+) -> tuple[dict, float]:
+    """Plays a frame, after one that ended at the time `ended`. Returns its results and the time at which it ends.
+
+    The machine begins half a cycle after the answer to the start command was read, and the interrupt comes a cycle after its
+    end.
+    """
     for name, value in frame["memory"].items():
         getattr(dut, name).value = value
     if frame["reset"]:
         dut.rst.value = 1
         await ClockCycles(dut.clk, 3)
+        ended = get_sim_time("ns")
     dut.rst.value = 0
     for number, first, beats, poison in frame["loads"]:
         dut.poison.value = poison
@@ -140,7 +149,8 @@ async def _frame(dut: object, lite: Lite, orders: dict, frame: dict, shown: _Sho
         end = await _finish(dut, orders["watchdog"], before, frame["pixel_bytes"], shown)
     else:
         await ClockCycles(dut.clk, frame["cut"])
-    cycles, seconds = (get_sim_time("ns") - started) / CLOCK_NS, time.perf_counter() - clock
+    last, seconds = get_sim_time("ns"), time.perf_counter() - clock
+    cycles = (last - started) / CLOCK_NS
     cpu_seconds = time.process_time() - cpu
     after = _numbers(dut)
     shown.end()
@@ -150,9 +160,10 @@ async def _frame(dut: object, lite: Lite, orders: dict, frame: dict, shown: _Sho
     await FallingEdge(dut.clk)
     await _transfer(dut, dut.dump, *frame["dump"])
     return {
-        "end": end, "cycles": round(cycles), "host_cycles": round((started - begin) / CLOCK_NS), "seconds": seconds,
+        "end": end, "cycles": round(cycles), "host_cycles": round((started - begin) / CLOCK_NS),
+        "idle_cycles": round((started - ended) / CLOCK_NS + 0.5), "seconds": seconds,
         "cpu_seconds": cpu_seconds, "registers": registers, "errors": after["errors"],
-        **{name: (after[name] - before[name]) % (1 << 32) for name in _COUNTERS}}
+        **{name: (after[name] - before[name]) % (1 << 32) for name in _COUNTERS}}, last - CLOCK_NS
 
 
 async def _second_pass(dut: object, lite: Lite, counter: int) -> None:

@@ -7,8 +7,7 @@
 //
 // The requests of a client keep their order, and so do their answers; a request is known by its kind, its client and the place
 // of its number. A write leaves its place in the controller when its data are in the device, and is answered after the older
-// writes of its client. Two things differ from the model, which answers writes in any order, and which refreshes a channel
-// without requests only when the next one comes.
+// writes of its client. Nothing differs from the model.
 module lpddr3 #(parameter ID_BITS = 1, parameter QUEUE_LOG2 = 8);
   localparam CHANNELS = 4, BANKS = 8, CLIENTS = 1 << ID_BITS, ROW_BITS = 15;
   localparam HELD = 1 << QUEUE_LOG2, NUMBERS = 2 * HELD;  // requests of a kind in the controller; a client's without an answer

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from golden.host.memory_image import PackedPixels
 from golden.msv2_ref.eyes import StereoFrame
 from golden.msv2_ref.pipeline import Frame
 from spec.codes import ErrorCode
 from spec.memory import BEAT_BYTES
+from spec.packed import table_beat
 from tb.top.check import counter_errors, frame_run, mismatches
 from tb.top.check_stereo import stereo_counter_errors, stereo_mismatches, stereo_run
 from tb.top.memory import MemorySpeed
@@ -55,11 +57,20 @@ def planned(case: Case, name: str = "", speed: str = "usual", error: ErrorCode =
     return PlannedFrame(run, case.frame if stereo is None else stereo.source, error, registers or {}, stereo)
 
 
-def failing(case: Case, region: str, error: ErrorCode, registers: dict[str, int]) -> PlannedFrame:
-    """A case in which the memory region of this name answers with errors."""
-    item = planned(case, f"{region} fails", error=error, registers=registers)
+def failing(case: Case, region: str, error: ErrorCode, registers: dict[str, int], **options: object) -> PlannedFrame:
+    """A case in which the memory region of this name answers with errors; `options` as of `planned`."""
+    item = planned(case, f"{region} fails", error=error, registers=registers, **options)
     base, beats = item.run.image.regions[region]
     where = (BEAT_BYTES * base, BEAT_BYTES * (base + beats))
+    return replace(item, run=replace(item.run, speed=replace(item.run.speed, failing=where)))
+
+
+def failing_table(case: Case, registers: dict[str, int]) -> PlannedFrame:
+    """A packed frame in which only the table of its blocks' entries answers with errors, which comes behind every block."""
+    item = planned(case, "table of a packed frame fails", error=ErrorCode.WRITE_ERROR, registers=registers, packed=True)
+    image = item.run.image
+    base, end = image.regions["frame"].base + table_beat(image.width, image.height), image.regions["frame"].end
+    where = (BEAT_BYTES * base, BEAT_BYTES * end)
     return replace(item, run=replace(item.run, speed=replace(item.run.speed, failing=where)))
 
 
@@ -72,6 +83,8 @@ def problems(item: PlannedFrame, result: FrameResult) -> list[str]:
         return [*found, f"ended with {result.error.name}, done {result.done}, instead of {item.error.name}"]
     found += [f"register {name} must be {wanted:#x}, not {result.registers[name]:#x}"
               for name, wanted in item.registers.items() if result.registers[name] != wanted]
+    if isinstance(result.pixels, PackedPixels) and item.run.poison and item.error is not ErrorCode.NONE:
+        found += ["the frame ended early, but all blocks are whole"] * (not result.pixels.errors.any())
     if item.error is ErrorCode.NONE:
         stereo = item.stereo
         wrong = mismatches(item.frame, result.pixels) if stereo is None else stereo_mismatches(stereo, result)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from golden.host.memory_image import DisplayPixels, FramePixels, MemoryImage
+from golden.host.memory_image import DisplayPixels, FramePixels, MemoryImage, PackedPixels
 from spec.codes import ErrorCode
 from spec.config import AcceleratorConfig
 from spec.host_settings import settings
@@ -18,6 +18,9 @@ from tb.common.runner import Waves, simulate
 from tb.top.device import Machine
 from tb.top.memory import MemorySpeed, broken_rules, memory_beats, plusargs
 from tb.top.progress import Pass
+
+PACKED_PIXEL_BYTES = 2
+"""Bytes that a pixel of a packed frame takes in memory, about; for the progress bar."""
 
 
 @dataclass(frozen=True)
@@ -66,12 +69,13 @@ class FrameResult:
         reads, writes: the numbers of beats that the memory counted.
         busy: the number of cycles in which the memory had a beat to transfer.
         activates, refreshes: the numbers of these commands of LPDDR3 channels; 0 with the ideal memory.
+        idle_cycles: cycles from the reset, or from the end of the frame before, until the frame begins.
         seconds, cpu_seconds: wall time and processor time of the simulation.
         errors: descriptions of the violated rules.
         target: the target eye's frame, for frames of two eyes.
     """
 
-    pixels: FramePixels | DisplayPixels
+    pixels: FramePixels | DisplayPixels | PackedPixels
     error: ErrorCode
     done: bool
     registers: dict[str, int]
@@ -85,6 +89,7 @@ class FrameResult:
     target: DisplayPixels | None = None
     activates: int = 0
     refreshes: int = 0
+    idle_cycles: int = 0
 
 
 def setting_writes(config: AcceleratorConfig, image: MemoryImage, changes: dict[str, int]) -> dict[str, int]:
@@ -201,7 +206,7 @@ def _orders(registers: Map, run: FrameRun, number: int, files: dict[int, int], f
         "name": run.name, "reset": run.reset, "abort": run.abort, "cut": run.cut,
         "settle": run.settle, "late": registers["cycles_target_low"] if run.late else None,
         "passes": [asdict(item) for item in run.expected or (_pixels_only(image),)],
-        "pixel_bytes": image.pixel_bytes, "loads": loads, "dump": (number, frame.base, frame.beats),
+        "pixel_bytes": image.pixel_bytes or PACKED_PIXEL_BYTES, "loads": loads, "dump": (number, frame.base, frame.beats),
         "memory": {
             **run.speed.signals, "first_writable": BEAT_BYTES * image.first_writable,
             "watch_first": BEAT_BYTES * frame.base, "watch_end": BEAT_BYTES * frame.end},
@@ -230,4 +235,4 @@ def _result(registers: Map, run: FrameRun, item: dict, dump: Path) -> FrameResul
         run.image.frame(dump), ErrorCode(registers.part("error", "code", values.get("error", 0))),
         bool(registers.part("status", "done", values.get("status", 0))), values, item["cycles"], item["reads"], item["writes"],
         item["busy"], item["seconds"], item["cpu_seconds"], tuple(errors), run.image.target_frame(dump),
-        item["activates"], item["refreshes"])
+        item["activates"], item["refreshes"], item["idle_cycles"])

@@ -21,6 +21,7 @@ from spec.config import (
     TINY_STREAMS,
     TINY_V3,
     V3,
+    V3_PACKED,
     V3_RECORDS,
     V3_STREAMS,
     AcceleratorConfig,
@@ -36,7 +37,7 @@ from tb.top.check import frame_run
 from tb.top.device import Machine, machine
 from tb.top.plan_buckets import bucket_plan
 from tb.top.plan_stereo import broken_stereo_plan, good_stereo_plan
-from tb.top.planned import SPEEDS, PlannedFrame, failing, planned, problems
+from tb.top.planned import SPEEDS, PlannedFrame, failing, failing_table, planned, problems
 from tb.top.player import play_frames
 from tb.top.stimuli import case, cloud, crowd, small_cases
 
@@ -52,34 +53,43 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny_records": TINY_RECORDS, "tiny_chunks": TINY_RECORDS.with_(name="tiny_chunks", records="wide"),
     "tiny_records_stereo": TINY_RECORDS.with_(name="tiny_records_stereo", stereo=True), "v3_records": V3_RECORDS,
     "tiny_v3": TINY_V3, "v3": V3, "tiny_streams": TINY_STREAMS, "v3_streams": V3_STREAMS,
-    "tiny_v3_baseline": TINY_V3.with_(name="tiny_v3_baseline", incremental=False, buckets=False)}
+    "tiny_v3_baseline": TINY_V3.with_(name="tiny_v3_baseline", incremental=False, buckets=False),
+    "tiny_v3_packed": TINY_V3.with_(name="tiny_v3_packed", packed=True), "v3_packed": V3_PACKED}
 """Configurations that can be tested."""
 
 DISTINCT = ("tiny", "tiny_baseline", "tiny_stereo", "tiny_stereo_baseline", "tiny_short", "tiny_records", "tiny_chunks",
-            "tiny_records_stereo", "tiny_v3", "tiny_v3_baseline", "tiny_streams")
-"""Configurations with different machines: both ways of handing over, the presets' number formats, and chunks. Larger machines
-are simulated with whole frames (`tb.frame`)."""
+            "tiny_records_stereo", "tiny_v3", "tiny_v3_baseline", "tiny_v3_packed", "tiny_streams")
+"""Configurations with different machines: both ways of handing over, the presets' number formats, chunks, packed frames, and
+four arrays. Larger machines are simulated with whole frames (`tb.frame`)."""
+
+
+def pixels_of(config: AcceleratorConfig, number: int) -> dict[str, bool]:
+    """The format of frame number `number`, as arguments of `planned`: every other frame has display pixels. Where the machine
+    packs frames, every other frame is packed, and every other one of the rest has display pixels."""
+    if config.packed:
+        return {"packed": number % 2 == 1, "display": number % 4 == 2}
+    return {"display": number % 2 == 1}
 
 
 def good_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
     """Every case on two memories, the second time without a reset and without clearing the memory of the previous frame.
 
-    Every other frame has display pixels, and the second run of a case has the other format. Machines with stereo play frames of
-    two eyes instead, and some of one eye among them.
+    Frames have the formats of `pixels_of`, and the second run of a case has another one than the first. Machines with stereo
+    play frames of two eyes instead, and some of one eye among them.
     """
     if config.stereo:
         return good_stereo_plan(config, seed)
     cases, names = small_cases(config, seed), list(SPEEDS)
-    plan = [planned(case, "usual memory", display=n % 2 == 1) for n, case in enumerate(cases)]
+    plan = [planned(case, "usual memory", **pixels_of(config, n)) for n, case in enumerate(cases)]
     return plan + [
-        planned(case, f"{names[1 + n % 4]} memory, back to back", names[1 + n % 4], display=n % 2 == 0, reset=False,
+        planned(case, f"{names[1 + n % 4]} memory, back to back", names[1 + n % 4], **pixels_of(config, n + 1), reset=False,
                 poison=False)
         for n, case in enumerate(cases)]
 
 
 def broken_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
     """Frames that end early. Each is followed by a frame that must be correct, and there is no reset between them where the
-    machine needs none."""
+    machine needs none. Where the machine packs frames, they are packed."""
     if config.stereo:
         return broken_stereo_plan(config, seed)
     rng = np.random.default_rng(seed)
@@ -87,32 +97,37 @@ def broken_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
     chunk = config.sort_chunk
     spilling = case(config, "spilling scene", crowd(rng, 2 * chunk + 5), (16, 16), beta=0)
     plan = []
+    how = {"packed": True} if config.packed else {}
 
     def add(*frames: PlannedFrame, reset: bool = False) -> None:
-        plan.extend([*frames, planned(scene, f"after: {frames[-1].name}", reset=reset)])
+        plan.extend([*frames, planned(scene, f"after: {frames[-1].name}", reset=reset, **how)])
 
     least = least_cycles(scene.frame)  # no frame takes fewer
     for cycles in (1, 40, 250, least // 3, 2 * least // 3, least - 1):
-        add(planned(scene, f"reset after {cycles} cycles", cut=cycles), reset=True)
-        add(planned(scene, f"abort after {cycles} cycles", error=ErrorCode.ABORTED, abort=cycles))
+        add(planned(scene, f"reset after {cycles} cycles", cut=cycles, **how), reset=True)
+        add(planned(scene, f"abort after {cycles} cycles", error=ErrorCode.ABORTED, abort=cycles, **how))
     for name in ("geometry", "tiles", "colour", *(CHUNK_READ_CLIENTS if config.chunks else ())):
         clients = {"error_clients": 1 << read_clients(config).index(name)}
-        add(failing(scene, name, ErrorCode.READ_ERROR, clients))
+        add(failing(scene, name, ErrorCode.READ_ERROR, clients, **how))
     if config.supertiles:
-        add(failing(scene, "supertiles", ErrorCode.READ_ERROR, {"error_clients": 1 << read_clients(config).index("tiles")}))
+        add(failing(scene, "supertiles", ErrorCode.READ_ERROR, {"error_clients": 1 << read_clients(config).index("tiles")},
+                    **how))
     writers = write_clients(config)
     for name in (name for name in writers if name != "spill"):
-        add(failing(scene, name, ErrorCode.WRITE_ERROR, {"error_clients": 1 << 16 + writers.index(name)}))
-    add(failing(spilling, "spill", ErrorCode.WRITE_ERROR, {"error_clients": 1 << 16 + writers.index("spill")}))
+        add(failing(scene, name, ErrorCode.WRITE_ERROR, {"error_clients": 1 << 16 + writers.index(name)}, **how))
+    add(failing(spilling, "spill", ErrorCode.WRITE_ERROR, {"error_clients": 1 << 16 + writers.index("spill")}, **how))
+    if config.packed:
+        add(failing_table(scene, {"error_clients": 1 << 16 + writers.index("frame")}))
     numbers = {setting.name: setting.number for setting in settings(config)}
-    for name, value in (("near", 0), ("width", 0), ("height", 1 << 13), ("view_shift", 3), ("depth_scale", 1 << 27)):
+    for name, value in (("near", 0), ("width", 0), ("height", 1 << 13), ("view_shift", 3), ("depth_scale", 1 << 27),
+                        *([("display", 0)] if config.packed else [])):
         if name not in numbers:
             continue
         registers = {"bad_setting": numbers[name], "cycles_render": 0}
-        add(planned(scene, f"{name} = {value}", error=ErrorCode.BAD_SETTING, registers=registers, changes={name: value}))
+        add(planned(scene, f"{name} = {value}", error=ErrorCode.BAD_SETTING, registers=registers, changes={name: value}, **how))
     first_pages = {"entries_beats": FIRST_PAGE_BEATS}
-    add(planned(spilling, "no room for second pages", error=ErrorCode.ENTRIES_FULL, changes=first_pages))
-    add(planned(spilling, "no room for runs", error=ErrorCode.SPILL_FULL, changes={"spill_beats": 2}))
+    add(planned(spilling, "no room for second pages", error=ErrorCode.ENTRIES_FULL, changes=first_pages, **how))
+    add(planned(spilling, "no room for runs", error=ErrorCode.SPILL_FULL, changes={"spill_beats": 2}, **how))
     return plan
 
 

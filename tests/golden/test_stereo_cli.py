@@ -117,3 +117,33 @@ def test_bad_requests_name_the_value_and_write_nothing(scene, tmp_path, argv, na
 def test_options_of_two_eyes_need_stereo(scene, tmp_path, argv):
     with pytest.raises(InputError, match=f"^{argv[0]} .* is not accepted without --stereo$"):
         render(scene, "--size", "64x48", *argv, "--out", tmp_path / "out")
+
+
+def test_both_eyes_of_a_machine_with_super_tiles(tmp_path, capsys):
+    arguments = ("embedded", "--stereo", "--config", "v3", "--size", "96x54", "--gaze", "48,27", "--levels", 4)
+    render(*arguments, "--out", tmp_path / "own")
+    assert "the RTL has no frames of two eyes" in capsys.readouterr().out
+    assert {p.name for p in (tmp_path / "own").iterdir()} == {
+        "left.png", "right.png", "anaglyph.png", "depth.png", "levels.png", "stats.json"}
+    left, right, both = (picture(tmp_path / "own" / f"{name}.png") for name in ("left", "right", "anaglyph"))
+    assert not np.array_equal(left, right)
+    assert np.array_equal(both[..., 0], left[..., 0]) and np.array_equal(both[..., 1:], right[..., 1:])
+    stats = json.loads((tmp_path / "own" / "stats.json").read_text())
+    assert stats["stereo"]["joint"] and stats["stereo"]["gaze"]["right"][0] < 48 and stats["stereo"]["warnings"] == []
+    assert stats["stereo"]["pairs"] > 0 and stats["effects"]["effects"]["stereo"]["state"] == "absent"
+    render("embedded", "--config", "v3", "--size", "96x54", "--gaze", "48,27", "--levels", 4, "--out", tmp_path / "mono")
+    assert np.array_equal(picture(tmp_path / "mono" / "frame.png"), left)
+    render(*arguments, "--eye-colours", "shared", "--out", tmp_path / "one")
+    assert np.array_equal(picture(tmp_path / "one" / "left.png"), left)
+    assert not np.array_equal(picture(tmp_path / "one" / "right.png"), right)
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    (("--config", "v3", "--ecc-thresh", 20), "--ecc-thresh 20 is not accepted: machines with lists by super-tile render both"),
+    (("--config", "paper", "--eye-colours", "own"), "--eye-colours own is not accepted where the second eye is warped"),
+    (("--config", "v3", "--eye-colours", "red"), "eye colours 'red' are not accepted: choose one of own, shared"),
+])
+def test_arguments_of_the_other_kind_of_frame_are_refused(tmp_path, arguments, message):
+    with pytest.raises(InputError, match=message):
+        render("embedded", "--stereo", *arguments, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()

@@ -25,7 +25,7 @@ from spec.memory import BEAT_BYTES, BEAT_ENTRIES, DIRECTORY_BEATS, WORDS, colour
 from spec.paths import ROOT
 from spec.queues import CACHE_WAYS
 
-AT_ONE_NANOSECOND = (105_296, 44_230, 14_014, 152)
+AT_ONE_NANOSECOND = (103_856, 44_641, 13_989, 152)
 """Of the foveated frame `small` on LPDDR3 beside a machine of 1 GHz: cycles of geometry and rendering, activates, refreshes."""
 
 
@@ -34,8 +34,11 @@ def rtl_rows(name: str = "frames") -> list[dict]:
     return [row for row in rows if row["scene"] == EMBEDDED and row["entries"]]
 
 
-def lpddr3_rows() -> list[dict]:
-    return [row for row in rtl_rows("model_rtl") if row.get("memory") == LPDDR3]
+def lpddr3_rows() -> list[list[dict]]:
+    """Single frames, and the frames of each row."""
+    rows = [row for row in rtl_rows("model_rtl") if row.get("memory") == LPDDR3]
+    firsts = [place for place, row in enumerate(rows) if not row.get("number")]
+    return [rows[a:b] for a, b in pairwise([*firsts, len(rows)])]
 
 
 @pytest.fixture(scope="module")
@@ -132,19 +135,22 @@ def test_channels_of_dram_keep_their_bandwidth_and_never_beat_it(small):
     assert same.activates == same.refreshes == 0
 
 
-@pytest.mark.parametrize("row", lpddr3_rows(), ids=lambda row: f"{row['config']}-{row['levels']}")
-def test_cycles_on_lpddr3_are_the_rtls_within_two_percent(row):
-    """Frames of the embedded scene that the RTL has rendered on the bench's LPDDR3, as the study keeps them."""
-    _, frame = study.model_row(row, EMBEDDED)
-    got = study.compared(row, frame)
-    assert abs(got["total"]["error"]) <= study.TOTAL_GOAL
-    assert got["beats_equal"] and got["misses_equal"]
-    for name in study.COMMANDS:
-        assert got["commands"][name]["model"] == pytest.approx(got["commands"][name]["rtl"], rel=0.05, abs=16)
+@pytest.mark.parametrize("rows", lpddr3_rows(), ids=lambda rows: f"{rows[0]['config']}-{rows[0]['levels']}")
+def test_cycles_on_lpddr3_are_the_rtls_within_two_percent(rows):
+    """Frames of the embedded scene that the RTL has rendered on the bench's LPDDR3, as the study keeps them. Where they say
+    when they began, the phase TABLE takes its cycles exactly in frames after a reset."""
+    for row, _, frame in study.model_rows(rows, lambda name: name):
+        got = study.compared(row, frame)
+        assert abs(got["total"]["error"]) <= study.TOTAL_GOAL
+        assert got["beats_equal"] and got["misses_equal"]
+        for name in study.COMMANDS:
+            assert got["commands"][name]["model"] == pytest.approx(got["commands"][name]["rtl"], rel=0.05, abs=16)
+        if "idle_cycles" in row and not row.get("number"):
+            assert got["phases"]["table"]["error"] == 0
 
 
-def test_cycles_of_dram_at_one_nanosecond_are_what_they_always_were(small):
-    """The unit of time changes no count: this frame took as many cycles when a quarter of a nanosecond was the unit."""
+def test_cycles_of_dram_at_one_nanosecond_are_what_they_were(small):
+    """They change with the mechanisms of the memory alone: with its unit of time, for instance, they did not."""
     frame = simulate(small, PAPER, memory=MemoryModel("lpddr3"))
     assert (frame.phases["geometry"], frame.phases["render"], frame.activates, frame.refreshes) == AT_ONE_NANOSECOND
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 
 import pytest
+from amaranth.lib import wiring
 
 from rtl.units import TOP, UNITS, emit, named, stage_of
-from spec.config import TINY
+from spec.config import MACHINES, TINY, AcceleratorConfig
 from spec.errors import InputError
 from spec.stages import EVERY_STAGE
 
@@ -31,6 +32,13 @@ def test_the_handover_is_that_of_the_machine() -> None:
     for incremental, name in ((True, "line_buffer"), (False, "double_buffer")):
         config = TINY.with_(incremental=incremental)
         assert emit("handover", config) == emit(name, config).replace(name, "handover")
+
+
+@pytest.mark.parametrize("config", MACHINES.values(), ids=lambda config: config.name)
+def test_single_units_of_v3_can_be_made_for_every_machine(config: AcceleratorConfig) -> None:
+    """Those of other machines come with V3's lists: the refusals of a whole machine must not reach a single unit."""
+    for name in ("chunk_reader", "supertile_clip", "depth_buckets", "batch_array"):
+        assert isinstance(UNITS[name].make(config), wiring.Component)
 
 
 def test_an_unknown_name_is_answered_with_the_nearest() -> None:

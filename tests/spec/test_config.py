@@ -11,6 +11,7 @@ from spec.config import (
     CONFIGS,
     DEFAULT,
     FAST,
+    HEADSET,
     MACHINES,
     PAPER,
     PAPER_SMALL,
@@ -21,6 +22,7 @@ from spec.config import (
     TINY_STREAMS,
     TINY_V3,
     V3,
+    V3_PACKED,
     V3_RECORDS,
     V3_STREAMS,
     AcceleratorConfig,
@@ -34,7 +36,7 @@ RANGES = {
     "warp_columns": (64, 8192), "list_heads": (2, 1 << 14), "header_lines": (4, 1 << 14), "batch_places": (16, 4096),
 }
 FLAGS = ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks", "buckets",
-         "lockstep")
+         "lockstep", "packed")
 POWERS_OF_TWO = ("culling_units", "sort_buffer_bytes", "merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns",
                  "header_lines", "batch_places")
 
@@ -140,6 +142,12 @@ def test_streams_divide_the_cores_of_a_machine_with_super_tiles():
             V3.with_(streams=4, **{name: 2})
 
 
+def test_machines_with_super_tiles_may_pack_frames():
+    assert V3_PACKED == V3.with_(name="v3_packed", packed=True) and not V3.packed
+    with pytest.raises(ValueError, match=r"^lists must be 'supertile' in a machine with packed frames, not 'tile'$"):
+        PAPER.with_(packed=True)
+
+
 def test_every_parameter_is_covered_here():
     assert {f.name for f in fields(AcceleratorConfig)} == {
         *RANGES, *FLAGS, "name", "support_sigma", "formats", "warp_fill", "order", "records", "lists", "streams"}
@@ -167,7 +175,8 @@ def test_the_configurations():
     presets = {"precise": PRECISE, "balanced": BALANCED, "fast": FAST}
     assert CONFIGS == {"tiny": TINY, "default": DEFAULT, "paper": PAPER, "v3": V3, **presets}
     assert V3 == PAPER.with_(name="v3", order="spatial", chunks=True, records="compact", lists="supertile")
-    ours = (DEFAULT, V3, V3_STREAMS, TINY_V3, TINY_STREAMS, *presets.values())
+    ours = (DEFAULT, V3, V3_PACKED, V3_STREAMS, HEADSET, TINY_V3, TINY_STREAMS, *presets.values())
+    assert HEADSET == V3.with_(name="headset", row_width=2208, list_heads=2048)
     assert V3_STREAMS == V3.with_(name="v3_streams", streams=4)
     assert {c.name for c in MACHINES.values() if c.supertiles} == {c.name for c in ours}
     assert all((c.order, c.chunks, c.records) == ("spatial", True, "compact") for c in (*ours, V3_RECORDS))

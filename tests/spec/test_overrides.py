@@ -124,6 +124,12 @@ def test_a_record_from_before_lockstep_is_a_machine_without_it():
     assert config_from_record(record) == V3
 
 
+def test_a_record_from_before_packed_frames_is_a_machine_that_packs_none():
+    record = config_record(V3)
+    assert record.pop("packed") is False
+    assert config_from_record(record) == V3
+
+
 def test_a_record_from_before_streams_is_a_machine_with_one():
     record = config_record(V3)
     assert record.pop("streams") == 1
@@ -277,7 +283,7 @@ def test_the_arguments_of_commands(tmp_path, capsys):
     assert parsed("--config", str(path), "--set", "depth=0", default="tiny") == both
     with pytest.raises(SystemExit):
         parsed("--help")
-    shown = capsys.readouterr().out
+    shown = " ".join(capsys.readouterr().out.split())
     assert "--set NAME=VALUE" in shown and "balanced" in shown and "default: paper" in shown
 
 

@@ -13,7 +13,7 @@ from msv2.document import registers as document_registers
 from msv2.document.__main__ import check
 from spec import host_settings, registers
 from spec.codes import ErrorCode, Phase
-from spec.config import CONFIGS, DEFAULT, MACHINES, PAPER, TINY, TINY_V3, V3, V3_RECORDS
+from spec.config import CONFIGS, DEFAULT, MACHINES, PAPER, TINY, TINY_V3, V3, V3_PACKED, V3_RECORDS
 from spec.errors import InputError
 from spec.formats import SQ
 from spec.memory import frame_settings
@@ -66,11 +66,11 @@ def test_every_number_of_the_settings_has_a_register_in_order(config):
 
 def test_a_register_has_one_address_in_all_machines():
     """Where a machine has no chunks, no stereo or no splat records in memory, the addresses of their registers are empty."""
-    every = {r.name: r.offset for name in ("every", "v3") for r in MAPS[name]}
+    every = {r.name: r.offset for name in ("every", "v3_packed") for r in MAPS[name]}
     assert len(set(every.values())) == len(every)
     for everything in MAPS.values():
         assert {r.name: r.offset for r in everything}.items() <= every.items()
-    assert set(every) == {r.name for name in ("v3_records", "stereo", "v3") for r in MAPS[name]}
+    assert set(every) == {r.name for name in ("v3_records", "stereo", "v3_packed") for r in MAPS[name]}
     added = {name: {r.name for r in MAPS[name]} - {r.name for r in MAPS["paper"]} for name in ("v3_records", "stereo")}
     assert added["v3_records"] == {
         "chunks", "chunks_base", "reach_0", "reach_1", "read_beats_chunks", "chunks_read", "chunks_skipped"}
@@ -115,6 +115,20 @@ def test_identity_of_machines_with_super_tiles():
         assert value(config, "machine_frame", "buckets") == (own and config.buckets)
         assert value(config, "machine_cache", "lines") == (config.header_lines if own else config.splat_cache_lines)
         assert value(config, "machine_cache", "batch_places") == own * config.batch_places
+
+
+def test_machines_that_pack_frames_have_one_more_setting_and_say_so():
+    plain, packed = ({r.name: r.offset for r in registers.register_map(config)} for config in (V3, V3_PACKED))
+    assert set(packed) - set(plain) == {"packed"} and plain.items() <= packed.items()
+    assert packed["packed"] == plain["supertiles_base"] + 4
+    bit = next(b for r in MAPS["v3"] for b in r.bits if b.name == "packed")
+    for config in (V3, V3_PACKED, TINY_V3, PAPER):
+        assert bool(registers.identity(config)["machine_array"] & bit.mask) == config.packed
+        assert registers.identity(config)["version"] & 0xFFFF == 2 * config.packed
+    patterns = legal(V3_PACKED)
+    display = next(s.number for s in host_settings.settings(V3_PACKED) if s.name == "display")
+    for is_packed, shown, found in ((0, 0, None), (0, 1, None), (1, 1, None), (1, 0, display)):
+        assert host_settings.first_illegal(V3_PACKED, patterns | {"packed": is_packed, "display": shown}) == found
 
 
 def test_a_setting_that_does_not_fit_is_refused():

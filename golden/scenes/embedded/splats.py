@@ -1,7 +1,8 @@
 """A Gaussian model of the embedded scene, made directly from the patches of its surfaces, without training.
 
 A patch's mean and covariance become its Gaussian, which is flat on walls and needle-shaped on wires. Its colour is the mean of
-its samples. On glossy materials, spherical harmonics are fitted to the colours that rays from many cameras see.
+its samples. On glossy materials, spherical harmonics are fitted to the colours that rays from many cameras see. Values are
+rounded on the way (`portable`), so that a model is the same on every CPU, bit for bit.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from golden.scenes.embedded.patches import Samples, cluster, contract, label_sums, sample_views
+from golden.scenes.embedded.portable import on_grid, on_relative_grid, symmetric_eigen
 from golden.scenes.embedded.raytrace import BALL, DISC, MISS, TUBE, trace
 from golden.scenes.embedded.views import UP, embedded_cameras
 from golden.scenes.embedded.world import CENTRE, embedded_world
@@ -67,6 +69,11 @@ NEARBY = 0.06
 RIDGE = (0.02, 0.0005, 0.001, 0.002)
 """Ridge parameter of the SH fit for degrees 0 to 3, as shares of GLOSS_VIEWS. Higher degrees need more evidence; degree 0
 falls back on the mean of the samples."""
+
+SAMPLE_BITS, COVARIANCE_BITS, FIELD_BITS, QUATERNION_BITS = 24, 26, 16, 30
+"""Fraction bits to which samples (metres, colours), covariances (relative to their largest entry) and the model's fields are
+rounded. A sample's 60 nm and a covariance's 2^-26 stay far below THINNEST, a field's 2^-16 far below what a pixel shows;
+quaternions keep more, so that their length is 1."""
 
 CACHE = cache_folder("scenes")
 """Folder in which `cached_embedded_model` keeps its files."""
@@ -175,6 +182,8 @@ def embedded_model(count: int = 20000, seed: int = 0, sh_degree: int = 3) -> Gau
     side = max(32, round(np.sqrt(SAMPLES_PER_SPLAT * count / SAMPLE_VIEWS)))
     cameras = [replace(c, fx=c.fx * SAMPLE_ZOOM, fy=c.fy * SAMPLE_ZOOM) for c in embedded_cameras(side, side, SAMPLE_VIEWS)]
     samples = sample_views(cameras, rng)
+    samples = replace(samples, **{name: on_grid(getattr(samples, name), SAMPLE_BITS)
+                                  for name in ("position", "normal", "colour", "detail")})
     label = cluster(samples, count, rng)
     members = np.bincount(label)[:, None]
     mean, base = (label_sums(label, field, len(members)) / members for field in (samples.position, samples.colour))
@@ -184,15 +193,15 @@ def embedded_model(count: int = 20000, seed: int = 0, sh_degree: int = 3) -> Gau
     growth = np.linalg.norm(mean - CENTRE, axis=1) / np.linalg.norm(place, axis=1)
     contrast = np.abs(base[near[:, 1:]] - base[:, None]).sum(axis=2).mean(axis=1)
     covariance = _covariances(samples, label, mean, distance[:, 2] * growth, np.exp(-((contrast / EVEN_CONTRAST) ** 2)))
-    variance, axes = np.linalg.eigh(covariance)
-    axes[np.linalg.det(axes) < 0] *= -1.0
+    variance, axes = symmetric_eigen(on_relative_grid(covariance, COVARIANCE_BITS))
     deviation = np.sqrt(np.maximum(variance, 0.0)) + THINNEST * growth[:, None]
     thin = np.minimum(1.0, 1.5 * deviation[:, 1] / np.hypot(deviation[:, 1], FOOTPRINT * growth))
     constant, rest = _fit_harmonics(samples.primitive[first], mean, base, sh_degree)
+    mean, log_scales, opacity, colour, rest = (
+        on_grid(values, FIELD_BITS) for values in (mean, np.log(deviation), OPACITY * thin, (constant - 0.5) / SH_C0, rest))
     return GaussianModel(
-        mean, np.log(deviation), _quaternions(axes), (OPACITY * thin)[:, None], ((constant - 0.5) / SH_C0)[:, None], rest,
-        np.ones(len(mean), np.uint8), UP.copy(), "embedded",
-    )
+        mean, log_scales, on_grid(_quaternions(axes), QUATERNION_BITS), opacity[:, None], colour[:, None], rest,
+        np.ones(len(mean), np.uint8), UP.copy(), "embedded")
 
 
 def _source_hash() -> str:

@@ -5,7 +5,8 @@
 
 An estimate begins with PAPER's build of reports/area.json, with or without the warp unit, or for lists by super-tile with the
 build `v3`. The logic of a group is scaled by what the configuration changes in it (`_logic`). Machines with chunks and lists
-by tile get the logic that reads and tests chunks from the build `v3` (`_chunk_units`). Memories are taken from the table of
+by tile get the logic that reads and tests chunks from the build `v3` (`_chunk_units`), and machines that pack frames the
+frame packer as it was synthesised alone. Memories are taken from the table of
 shapes (`msv2.studies.area.stores`) and built of macros as in synthesis (`synth.macros`), so that a larger cache costs the
 area of its lines and tags. With several streams, what every array has of its own counts as often: setup, sequencer, rows,
 collection, blending and the masks of batches. What the tile test and the join of rows add is left out: some hundred flip-flops.
@@ -117,8 +118,9 @@ def estimate_area(config: AcceleratorConfig) -> AreaEstimate:
     build = BUILDS[name]
     base, here, there = _of_build(name), _memories(config), _memories(build)
     chunks = _chunk_units() if config.chunks and not config.supertiles else {}
+    packer = {LISTS: _synthesised_um2("frame_packer") * _TO_16NM} if config.packed else {}
     groups = {
-        group: GroupArea(base[group].logic_um2 * _logic(group, config, build) + chunks.get(group, 0.0),
+        group: GroupArea(base[group].logic_um2 * _logic(group, config, build) + chunks.get(group, 0.0) + packer.get(group, 0.0),
                          max(0.0, base[group].memory_um2 + here.get(group, 0.0) - there.get(group, 0.0)))
         for group in base}
     return AreaEstimate(groups, ESTIMATE, name)
@@ -160,6 +162,11 @@ def _chunk_units() -> dict[str, float]:
             LISTS: sum(units[unit] for unit in _READING) - _row("geometry.reader")["logic_um2_16nm"]}
 
 
+def _synthesised_um2(unit: str) -> float:
+    """The area of a unit that was synthesised alone, in um^2 of its technology."""
+    return next(row["area_um2"] for row in _report("synthesis")["rows"] if row["unit"] == unit)
+
+
 def _row(unit: str) -> Mapping[str, object]:
     return next(row for row in _report("area")["rows"] if row["unit"] == unit)
 
@@ -197,7 +204,7 @@ def _array(config: AcceleratorConfig) -> float:
 def _blending(config: AcceleratorConfig) -> float:
     """The rows' collection, the unit that blends two levels where there are two, and with super-tiles the batch buffer and the
     pixels' state."""
-    blend = next(row["area_um2"] for row in _report("synthesis")["rows"] if row["unit"] == "blend")
+    blend = _synthesised_um2("blend")
     collect = _row("render.array.collect")["logic_um2"] - blend
     size = config.streams * config.array_x / PAPER.cores_x * _pixel_bits(config) / _pixel_bits(PAPER)
     kept = 0.0

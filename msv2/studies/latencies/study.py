@@ -27,6 +27,7 @@ from rtl.chunks.chunk_test import ChunkTest
 from rtl.culling.colour import ColourUnit, splat_interval
 from rtl.culling.projection_unit import ProjectionUnit
 from rtl.culling.tile_test import TileTest
+from rtl.pixels.frame_packer import FramePacker
 from rtl.sort_tmu.handover import DoubleBuffer, LineBuffer
 from rtl.sort_tmu.tile_merge import TileMergeUnit
 from rtl.tile_lists.entry_writer import IntersectionWriter
@@ -41,6 +42,7 @@ from spec.config import PAPER, V3, AcceleratorConfig
 from spec.constants import TILE
 from spec.host_settings import limits
 from spec.memory import WORDS
+from spec.packed import BLOCK_HEIGHT
 from spec.paths import REPORTS
 from spec.registers import register_map
 
@@ -242,6 +244,15 @@ def pixel_writer(config: AcceleratorConfig) -> dict[str, int]:
         settings={"width": TILE, "height": TILE, "tile_count": 1})}
 
 
+def frame_packer(config: AcceleratorConfig) -> dict[str, int]:
+    """The last row of a block, up to the block's first beat."""
+    dut = FramePacker(config)
+    rows = [word(records.pixel_row(config), row=row) for row in range(BLOCK_HEIGHT)]
+    return {"frame_packer": latency(
+        dut, to(dut.rows, *rows), dut.writes.valid, high=[dut.writes.ready, dut.writes_idle],
+        settings={"width": TILE, "height": TILE, "tile_count": 1})}
+
+
 def axi_master(config: AcceleratorConfig) -> dict[str, int]:
     """A request up to the bus, an answer from the bus, and an answer through a client's queue."""
     ask = AxiMaster(config, 1, 1)
@@ -267,7 +278,7 @@ def register_file(config: AcceleratorConfig) -> dict[str, int]:
 
 MEASURES: tuple[Callable[[AcceleratorConfig], dict[str, int]], ...] = (
     chunk_units, projection, tile_test, colour_unit, entry_writer, tile_merge_unit, readers, handover, row, pixel_writer,
-    axi_master, register_file)
+    frame_packer, axi_master, register_file)
 """The functions that measure units; each returns latencies by name."""
 
 

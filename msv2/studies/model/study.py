@@ -12,36 +12,26 @@ Real scenes are looked for in MSV2_DATA. Frames whose scene is missing are left 
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 from golden.host.run_options import IDEAL, LPDDR3, MEMORIES
-from golden.msv2_ref.buckets import no_bounds
 from golden.scenes.captured import scene_argument
 from golden.scenes.files import read_json
-from golden.scenes.level_source import RANDOM
 from golden.scenes.load import EMBEDDED
-from golden.scenes.request import parse_request, resolve
 from msv2.studies.destination import newest
+from msv2.studies.model.rows import BUILD, PHASES, machine, model_row, model_rows, request
 from msv2.studies.page import table, write_page
 from msv2.studies.record import write_report
 from msv2.studies.rtl_frame import AWAY, COMMAND, INSIDE, kept_frame
-from perf import supertiles_trace
 from perf.model import FrameCycles, MemoryModel, simulate
-from perf.supertiles import simulate_supertiles
-from perf.supertiles_plan import steady_bounds
-from perf.supertiles_trace import SuperTrace
-from perf.trace import FrameTrace, trace_request
+from perf.trace import trace_request
 from spec.command_line import choice, command_parser
-from spec.config import MACHINES, PAPER_SMALL, V3, AcceleratorConfig
-from spec.effects import EffectPlan
+from spec.config import MACHINES, V3
 from spec.errors import InputError
-from spec.paths import REPORTS, ROOT
+from spec.paths import REPORTS
 
-BUILD = ROOT / "build" / "perf"
 RTL_REPORTS = ("frames", "frames_v3", "machine", "model_rtl")
 """The reports that hold frames of the RTL."""
 
@@ -105,68 +95,14 @@ _LARGE_ROW = {"size": (1920, 1080), "gaze": (960, 540), "levels": 4}
 
 TIMED_SECONDS = 10.0
 
-RENAMED = {"default": PAPER_SMALL}
-"""The machines of frames in reports of before `default` had lists by super-tile, by the names that they had."""
-
-PHASES = ("table", "geometry", "render")
 COMMANDS = ("activates", "refreshes")
 TOTAL_GOAL, STAGE_GOAL, SPEED_GOAL = 0.02, 0.05, 500
 
 _KEPT = (
     "scene", "size", "gaze", "levels", "config", "machine", "effects", "pixels", "merge", "pipeline", "bit_exact",
     "counter_errors", "entries", "ops", "skipped", "table_cycles", "geometry_cycles", "render_cycles", "frame_cycles",
-    "source_cycles", "target_cycles", "stage_cycles", "events", "dram_bytes", "memory", "activates", "refreshes", "latency",
-    "bytes_per_cycle", "lists", "number", "turn", "wall_s", "cpu_s", "cycles_per_s")
-
-
-def request(row: Mapping[str, object], scene: str) -> argparse.Namespace:
-    """The parsed arguments of a report's frame."""
-    argv = [scene, "--size", "x".join(map(str, row["size"]))]
-    argv += ["--gaze", ",".join(map(str, row["gaze"]))] if row.get("gaze") else []
-    argv += ["--levels", str(row["levels"]), "--levels-from", RANDOM] if row["levels"] > 1 else []
-    argv += ["--stereo"] if "target_cycles" in row else []
-    argv += row.get("camera_options", [])
-    return parse_request(*argv)
-
-
-def machine(row: Mapping[str, object]) -> AcceleratorConfig:
-    """The machine of a report's frame: that of its whole configuration, or only what the frame needs (tb.frame --machine)."""
-    config = MACHINES[row["config"]]
-    if config.supertiles and "fetch_hits" in row["events"]:
-        config = RENAMED[config.name]
-    config = config.with_(stereo=True) if "target_cycles" in row else config
-    if row.get("machine") != "scene":
-        return config
-    said = row["effects"]
-    active = frozenset(name for name, effect in said["effects"].items() if effect["state"] != "absent")
-    return EffectPlan(said["wanted"], active, frozenset(), {}, said["sh_degree"]).machine(config)
-
-
-def model_row(row: Mapping[str, object], scene: str) -> tuple[FrameTrace | SuperTrace, FrameCycles]:
-    """The trace of a report's frame, and its numbers from the model."""
-    config = machine(row)
-    lpddr3 = row.get("memory", IDEAL) == LPDDR3
-    memory = MemoryModel(LPDDR3) if lpddr3 else MemoryModel(IDEAL, row["latency"], row["bytes_per_cycle"])
-    how = {"memory": memory, "merge": row["merge"], "pipeline": row["pipeline"], "display": row["pixels"] == "display"}
-    if not config.supertiles:
-        trace = trace_request(request(row, scene), config, cache=BUILD / "traces")
-        return trace, simulate(trace, config, **how)
-    trace = super_trace(row, scene, config, row.get("number", 0))
-    bounds = no_bounds(trace.supertiles)  # as after a reset
-    if row.get("number"):
-        bounds = steady_bounds(super_trace(row, scene, config, row["number"] - 1), config)
-    return trace, simulate_supertiles(trace, config, bounds=bounds, **how)
-
-
-def super_trace(row: Mapping[str, object], scene: str, config: AcceleratorConfig, number: int) -> SuperTrace:
-    """The trace of a frame of a row of frames, of which the first has the number 0 and the camera that the request names."""
-    args, degrees = request(row, scene), number * row.get("turn", 0.0)
-    if not degrees:
-        return supertiles_trace.trace_request(args, config, cache=BUILD / "traces")
-    asked = resolve(args)
-    return supertiles_trace.trace_request(
-        args, config, cache=BUILD / "traces" / f"turned-{degrees:g}",
-        request=replace(asked, camera=asked.camera.turned(degrees)))
+    "idle_cycles", "source_cycles", "target_cycles", "stage_cycles", "events", "dram_bytes", "memory", "activates", "refreshes",
+    "latency", "bytes_per_cycle", "lists", "number", "turn", "wall_s", "cpu_s", "cycles_per_s")
 
 
 def compared(row: Mapping[str, object], frame: FrameCycles) -> dict[str, object]:
@@ -368,8 +304,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         render_rtl((args.rtl,) if args.rtl in MEMORIES else MEMORIES, args.rtl if args.rtl in configs else None)
     found, missing = frames()
     rows = []
-    for row in found:
-        trace, frame = model_row(row, scene_argument(row["scene"]))
+    for row, trace, frame in model_rows(found, scene_argument):
         if trace.entries != row["entries"]:
             raise InputError(f"{row['report']}.json: {row['scene']} has {row['entries']} entries in the RTL, {trace.entries} "
                              "here: the report is of other sources or another camera")

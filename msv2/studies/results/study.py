@@ -58,8 +58,8 @@ FRAME_KEYS = (
 
 SYNTHESISED = (
     "near_test", "projection", "tile_test", "colour_unit", "entry_writer", "tile_merge_unit", "list_reader", "chunk_sorter",
-    "splat_fetch", "setup", "expand", "pixel_core", "vrc_row", "blend", "pixel_writer", "warp_unit", "axi_master",
-    "register_file", "float_add", "float_mul", "float_divide", "float_reciprocal", "float_rsqrt", "float_sqrt",
+    "splat_fetch", "setup", "expand", "pixel_core", "vrc_row", "blend", "pixel_writer", "frame_packer", "warp_unit",
+    "axi_master", "register_file", "float_add", "float_mul", "float_divide", "float_reciprocal", "float_rsqrt", "float_sqrt",
     "fixed_to_float", "float_to_fixed", "chunk_header_reader", "chunk_reader", "geometry_decode", "level_bounds", "chunk_test",
     "supertile_clip", "supertile_test", "depth_buckets", "pair_writer", "supertile_reader", "record_fetch", "pair_colour",
     "batch_buffer")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from golden.scenes.gaze import Display, blend_parameter, foveation_map, region_level
 from msv2.studies import page
-from msv2.studies.accuracy.study import BUDGETS_DB, as_markdown, worst_db
+from msv2.studies.accuracy.study import BUDGETS_DB, TRAINED_BUDGETS_DB, as_markdown, of_scenes, worst_db
 from msv2.studies.results.headline import HEADLINE_TABLES
 from msv2.studies.results.report_tables import REPORT_TABLES
 from msv2.studies.results.units import units_table
@@ -64,11 +64,12 @@ def results_table(reports: Reports) -> str:
     bands = f"{band:.1f} % ({tiles:.0f} % of the tiles)"
     rows.append(["pixels in blend bands", "about 25 %", bands, "one such pixel makes a tile blend"])
     accuracy = reports.get("accuracy", {"rows": []})["rows"]
-    for records, budget in BUDGETS_DB.items() if accuracy else ():
-        views = sum(r["records"] == records for r in accuracy)
-        rows.append([f"integer datapath against float64, {records} records", "-",
-                     f"{worst_db(accuracy, records):.1f} dB or more in {views} views",
-                     f"budget {budget:.0f} dB, before 8-bit rounding"])
+    for words, budgets, views in (("", BUDGETS_DB, of_scenes(accuracy, trained=False)),
+                                  (", the trained scene", TRAINED_BUDGETS_DB, of_scenes(accuracy, trained=True))):
+        for records, budget in budgets.items() if views else ():
+            rows.append([f"integer datapath against float64, {records} records{words}", "-",
+                         f"{worst_db(views, records):.1f} dB or more in {sum(r['records'] == records for r in views)} views",
+                         f"budget {budget:.0f} dB, before 8-bit rounding"])
     return page.table(["quantity", "paper", "ours", "why they differ, notes"], rows)
 
 

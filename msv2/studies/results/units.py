@@ -65,6 +65,8 @@ UNITS = (
      "batches, regions", "sim TEST=batch", "1 place, 1 entry/cycle for each stream, 1 row of 16 pixels/cycle", ""),
     ("pixel writer", "vrc_array/pixel_writer", "frame_memory", "sim TEST=vrc", "{pixel_writer} cycles, 1 beat/cycle",
      "pixel_writer"),
+    ("frame packer (with `packed`)", "pixels/frame_packer, block_packer", "frame_packing", "sim TEST=frame_packer",
+     "{frame_packer} cycles, 1 row, 1 beat/cycle", "frame_packer"),
     ("warp unit (with `stereo`)", "warp_unit/", "warp", "sim TEST=warp", "a ring of columns, 4 pixels/cycle", "warp_unit"),
     ("AXI master, read queues", "axi/master, read_port", "-", "sim TEST=axi",
      "{axi_master_request} + {axi_master_answer}, {read_queue} cycles, a read and a write/cycle", "axi_master"),

@@ -20,6 +20,7 @@ from golden.scenes.model import GaussianModel
 from golden.threads import SLICES, for_slices
 from spec import constants
 from spec.constants import FRUSTUM_MARGIN, SH_C0, TILE
+from spec.guard_band import MEAN_RANGE
 from spec.harmonics import C1, C2, C2_Z, C3_0, C3_1, C3_2, C3_3
 
 kernel = compiled(nogil=True, fastmath=True, error_model="numpy")
@@ -29,7 +30,7 @@ F = np.float32
 _ONE, _HALF, _TWO, _ZERO = F(1), F(0.5), F(2), F(0)
 _SCALE, _SMOOTH, _FAINTEST = F(constants.EXPONENT_SCALE), F(constants.LOW_PASS), F(-math.log2(constants.ALPHA_MIN))
 _SUPPORT = F(constants.LOG2E_HALF * constants.SUPPORT_SIGMA**2)
-_ALPHA_MAX, _T_STOP = F(constants.ALPHA_MAX_L1), F(constants.T_STOP)
+_ALPHA_MAX, _T_STOP, (_BAND_LOW, _BAND_HIGH) = F(constants.ALPHA_MAX_L1), F(constants.T_STOP), map(F, MEAN_RANGE)
 _SH1, _SH2 = F(C1), tuple(map(F, (C2, -C2, C2_Z, -C2, C2 / 2)))
 _SH3 = tuple(map(F, (-C3_3, C3_2, -C3_1, C3_0, -C3_1, C3_2 / 2, -C3_3)))
 _EXP2 = tuple(map(F, (1.00000349, 0.69297292, 0.24160436, 0.051745, 0.01367031)))  # 2^f on [0, 1] to 3.5e-6
@@ -146,7 +147,7 @@ def _project_block(block, view):
 @inlined
 def _tile_range(mean, extent, size):
     first, last = np.ceil(mean - extent - _HALF), np.floor(mean + extent - _HALF)
-    if first > last or first > size - 1 or last < 0:
+    if first > last or first > size - 1 or last < 0 or not _BAND_LOW < mean < _BAND_HIGH:
         return 1, 0
     return int(max(first, _ZERO)) // TILE, int(min(last, F(size - 1))) // TILE
 
@@ -348,16 +349,16 @@ def _tiles(_slice, begin, end, start, splat, tiles_x, mean2d, conic, log2_opacit
 def render(model: FloatModel, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> FloatFrame:
     """Renders one frame, with the same stages as `golden.msv2_ref.pipeline.render`."""
     seconds, clock, count = {}, time.perf_counter, len(model.mean)
-    tiles_x, tiles_y = -(-camera.width // TILE), -(-camera.height // TILE)
+    width, height = camera.width, camera.height
+    tiles_x, tiles_y = -(-width // TILE), -(-height // TILE)
     tiles = tiles_x * tiles_y
 
     begin = clock()
     margin = FRUSTUM_MARGIN
-    limits = (-margin * camera.cx / camera.fx, margin * (camera.width - camera.cx) / camera.fx,
-              -margin * camera.cy / camera.fy, margin * (camera.height - camera.cy) / camera.fy)
-    view = _View(*(np.asarray(a, F) for a in (
-        camera.position - model.origin, camera.rotation, (camera.fx, camera.fy), (camera.cx, camera.cy), limits)),
-        camera.width, camera.height)
+    limits = (-margin * camera.cx / camera.fx, margin * (width - camera.cx) / camera.fx,
+              -margin * camera.cy / camera.fy, margin * (height - camera.cy) / camera.fy)
+    settings = camera.position - model.origin, camera.rotation, (camera.fx, camera.fy), (camera.cx, camera.cy), limits
+    view = _View(*(np.asarray(a, F) for a in settings), width, height)
     depth, box = np.empty(count, F), np.empty((count, 4), np.int16)
     mean2d, conic = np.empty((count, 2), F), np.empty((count, 3), F)
     for_slices(_view_depth, count, model.mean, view, depth)
@@ -395,6 +396,5 @@ def render(model: FloatModel, camera: Camera, background: tuple[float, float, fl
                np.asarray(background, F), out)
     seconds["array"] = clock() - begin
 
-    grid = out.reshape(tiles_y, tiles_x, TILE, TILE, 5).swapaxes(1, 2).reshape(tiles_y * TILE, tiles_x * TILE, 5)
-    grid = grid[: camera.height, : camera.width]
+    grid = out.reshape(tiles_y, tiles_x, TILE, TILE, 5).swapaxes(1, 2).reshape(tiles_y * TILE, -1, 5)[: height, : width]
     return FloatFrame(grid[..., :3], grid[..., 3], grid[..., 4], seconds)

@@ -9,7 +9,7 @@ from msv2.studies.memory import LPDDR3, MEMORY_NAMES
 from msv2.studies.page import table
 from msv2.studies.v3.frames import MACHINES, MEMORIES
 from msv2.studies.v3.summary import Row, of
-from spec.config import PAPER, V3, V3_RECORDS
+from spec.config import PAPER, V3, V3_PACKED, V3_RECORDS
 from spec.registers import CHUNK_READ_CLIENTS, READ_CLIENTS, WRITE_CLIENTS
 
 NONE = "-"
@@ -26,7 +26,7 @@ def page(content: Mapping[str, Any]) -> str:
         "## Gains over `paper`", "Geometric means over the frames. `paper, spatial order` is work of the host alone. "
         f"`{V3_RECORDS.name}` has chunks of compact records. `{V3.name}` has lists by super-tile and depth buckets, too; it "
         "gathers records and projects them again.",
-        _gains({**found["beside"], V3_RECORDS.name: found, V3.name: step}),
+        _gains({**found["beside"], V3_RECORDS.name: found, V3.name: step}), _packed(content),
         *(part for memory in MEMORIES for part in (f"## Cycles, {MEMORY_NAMES[memory]}", _cycles(rows, memory))),
         "## Bytes by client", f"MB of a frame: `{PAPER.name}` / `{V3_RECORDS.name}` / `{V3.name}`.", _bytes(rows),
         "## Super-tiles", f"Frames on `{V3.name}`, with the bounds of an unmoved camera. A pair is a splat and a "
@@ -73,6 +73,26 @@ def _gains(found: Mapping[str, Row]) -> str:
     keys = ("lpddr3_gain", "ideal_gain", "bytes_gain", "activates_gain", "dram_energy_gain", "energy_gain")
     head = ("machine", "LPDDR3 cycles", "ideal cycles", "bytes", "activates", "energy of DRAM", "energy of chip and DRAM")
     return table(head, ((name, *(_number(gain[key]) for key in keys)) for name, gain in found.items()), left=1)
+
+
+def _packed(content: Mapping[str, Any]) -> str:
+    """What packed frames give, in reports that have them."""
+    rows, step = content["frames"], content["steps"].get("packed")
+    if not step:
+        return ""
+    lines = []
+    for row in of(rows, machine=V3_PACKED.name, memory=LPDDR3):
+        both = {memory: [of(rows, frame=row["frame"], machine=name, memory=memory)[0] for name in (V3.name, V3_PACKED.name)]
+                for memory in MEMORIES}
+        written = [other["bytes"]["write"]["frame"] for other in both[LPDDR3]]
+        lines.append((row["frame"], *(f"{one['cycles'] / two['cycles']:.3f}" for one, two in both.values()),
+                      f"{both[LPDDR3][0]['total_bytes'] / row['total_bytes']:.3f}", f"{written[1] / written[0]:.3f}"))
+    over = step["over_v3"]
+    head = ("frame", *(f"{MEMORY_NAMES[memory]} cycles" for memory in MEMORIES), "bytes", "share of the frame")
+    lines.append(("geometric mean", *(f"{over[key]:.3f}" for key in ("lpddr3_gain", "ideal_gain", "bytes_gain")), ""))
+    return "\n\n".join((
+        "## Packed frames", f"`{V3_PACKED.name}`, which packs frames for displays, over `{V3.name}`; the energy of packing is "
+        "not measured.", table(head, lines, left=1)))
 
 
 def _cycles(rows: Sequence[Row], memory: str) -> str:

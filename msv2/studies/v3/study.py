@@ -28,7 +28,7 @@ from msv2.studies.record import write_report
 from msv2.studies.v3 import frames, orders, photographs, summary, supertiles
 from msv2.studies.v3.page import page
 from spec.command_line import command_parser
-from spec.config import V3
+from spec.config import V3, V3_PACKED
 from spec.paths import REPORTS
 
 REPORT = REPORTS / "v3.json"
@@ -72,7 +72,8 @@ def measure(args: argparse.Namespace, old: Mapping[str, Any]) -> dict[str, Any]:
                 trace = frames.traced(subject, config)
                 rows += [frames.frame_row(subject, name, memory, trace, config, table) for memory in frames.MEMORIES]
             trace = supertiles.super_traced(subject)
-            rows += [supertiles.super_row(subject, memory, trace, table) for memory in frames.MEMORIES]
+            rows += [supertiles.super_row(subject, memory, trace, table, config)
+                     for config in (V3, V3_PACKED) for memory in frames.MEMORIES]
     for subject in sorted(moving, key=lambda subject: subject.scene):  # a scene's model is prepared once
         with progress.step(f"turns: {subject.name}"):
             overflow += supertiles.overflow_rows(subject)
@@ -105,7 +106,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     old = read_json(REPORT) if REPORT.is_file() and not args.scene else {}
     content = measure(args, old)
     scenes = [scene_file(scene) for scene in args.scene or frames.SCENES if scene != EMBEDDED]
-    machines = frames.MACHINES | {V3.name: V3}
+    machines = frames.MACHINES | {V3.name: V3, V3_PACKED.name: V3_PACKED}
     write_report(out / "v3.json", content, [__name__], {"arguments": args, "machines": machines},
                  [TABLE, *filter(None, scenes), *(run / "model.ply" for run in photographs.runs_here()[0].values())],
                  earlier=old if _kept(old, photographs.runs_here()[1]) else None)

@@ -9,7 +9,7 @@ from golden.scenes.load import EMBEDDED
 from msv2.studies.memory import IDEAL, LPDDR3
 from msv2.studies.performance.summary import geomean
 from msv2.studies.v3.frames import MACHINES
-from spec.config import PAPER, V3, V3_RECORDS
+from spec.config import PAPER, V3, V3_PACKED, V3_RECORDS
 
 Row = Mapping[str, Any]
 
@@ -32,11 +32,11 @@ def of(rows: Iterable[Row], **wanted: object) -> list[Row]:
     return [row for row in rows if all(row[name] == value for name, value in wanted.items())]
 
 
-def gains(rows: Sequence[Row], machine: str) -> dict[str, object]:
-    """How many times fewer bytes and cycles, and how many times less energy, frames take on a machine than on `paper`, as
+def gains(rows: Sequence[Row], machine: str, over: str = PAPER.name) -> dict[str, object]:
+    """How many times fewer bytes and cycles, and how many times less energy, frames take on a machine than on another one, as
     geometric means over the frames; None where there is no frame."""
     def mean(memory: str, value: str) -> float | None:
-        base = {row["frame"]: _value(row, value) for row in of(rows, machine=PAPER.name, memory=memory)}
+        base = {row["frame"]: _value(row, value) for row in of(rows, machine=over, memory=memory)}
         return geomean(base[row["frame"]] / _value(row, value) for row in of(rows, machine=machine, memory=memory))
 
     return {"bytes_gain": mean(LPDDR3, "total_bytes"), "lpddr3_gain": mean(LPDDR3, "cycles"),
@@ -79,11 +79,12 @@ def supertiles(rows: Sequence[Row], overflow: Sequence[Row]) -> dict[str, object
 
 def steps(rows: Sequence[Row], photographs: Sequence[Row], overflow: Sequence[Row]) -> dict[str, object]:
     """The steps by name. `records` stands for spatial order, chunks and compact records together; beside it stand its parts.
-    `supertiles` stands for these and lists by super-tile."""
+    `supertiles` stands for these and lists by super-tile, `packed` for packed frames besides, in reports that have them."""
     parts = {name: gains(rows, name) for name in MACHINES if name not in (PAPER.name, V3_RECORDS.name)}
     worst = max((row["loss_db"] for row in photographs), default=None)
     found = {**gains(rows, V3_RECORDS.name), "worst_photo_loss_db": worst, "chunks_read": shares(rows), "beside": parts}
-    return {"records": found, "supertiles": supertiles(rows, overflow)}
+    packed = {"packed": {**gains(rows, V3_PACKED.name), "over_v3": gains(rows, V3_PACKED.name, V3.name)}}
+    return {"records": found, "supertiles": supertiles(rows, overflow), **(packed if of(rows, machine=V3_PACKED.name) else {})}
 
 
 def goals(rows: Sequence[Row], photographs: Sequence[Row], overflow: Sequence[Row]) -> list[dict[str, object]]:

@@ -25,7 +25,7 @@ from msv2.studies.v3.frames import CACHE, CLOCK_HZ, Subject, moved, total_bytes
 from perf.model import MemoryModel
 from perf.supertiles import simulate_supertiles
 from perf.supertiles_trace import SuperTrace, trace_request
-from spec.config import V3
+from spec.config import V3, AcceleratorConfig
 
 TURNS = (0.5, 2.0)
 """Degrees by which the camera turns between two frames."""
@@ -43,13 +43,17 @@ def super_traced(subject: Subject) -> SuperTrace:
     return trace_request(request(subject.scene, subject.size), V3, cache=CACHE)
 
 
-def super_row(subject: Subject, memory: str, trace: SuperTrace, table: Table) -> dict[str, object]:
-    """The numbers of a frame with a memory, as `msv2.studies.v3.frames.frame_row` gives them, and those of super-tiles."""
-    frame = simulate_supertiles(trace, V3, memory=MemoryModel(**memory_arguments(memory)), display=True)
+def super_row(
+    subject: Subject, memory: str, trace: SuperTrace, table: Table, config: AcceleratorConfig = V3,
+) -> dict[str, object]:
+    """The numbers of a frame with a memory, as `msv2.studies.v3.frames.frame_row` gives them, and those of super-tiles. The
+    frame is packed where the machine can; the energy of packing is not in the numbers."""
+    frame = simulate_supertiles(
+        trace, config, memory=MemoryModel(**memory_arguments(memory)), display=True, packed=config.packed)
     energy = frame_energy(
         super_counts(trace, frame), frame.total, V3, super_table(table), clock_hz=CLOCK_HZ)
     return {
-        "frame": subject.name, "scene": subject.scene, "size": subject.size, "machine": V3.name, "memory": memory,
+        "frame": subject.name, "scene": subject.scene, "size": subject.size, "machine": config.name, "memory": memory,
         "cycles": frame.total, "phases": frame.phases, "bytes": moved(frame), "total_bytes": total_bytes(frame),
         "activates": frame.activates, "refreshes": frame.refreshes, "points": trace.points, "points_read": trace.points_read,
         "chunks": len(trace.chunk_count), "chunks_read": int(trace.chunk_read.sum()), "survivors": trace.survivors,

@@ -10,9 +10,11 @@ torch = pytest.importorskip("torch")
 
 from golden.diff import reference  # noqa: E402
 from golden.diff.gaussians import from_model, to_model  # noqa: E402
+from golden.diff.projection import project, project_torch  # noqa: E402
 from golden.diff.render import render  # noqa: E402
 from golden.oracle.render import render as render_oracle  # noqa: E402
 from golden.scenes.embedded.scene import cached_embedded_model, embedded_cameras  # noqa: E402
+from spec.guard_band import UNBOUNDED  # noqa: E402
 from tests.helpers.training_samples import SIZE, forward_camera, round_gaussians  # noqa: E402
 
 BACKGROUND = (0.25, 0.5, 0.75)
@@ -51,6 +53,23 @@ def test_alpha_of_one_shows_and_ends_the_pixel(support_sigma):
     assert drawn.transmittance[20, 20] == 0 and drawn.image[20, 20].tolist() == [0.5] * 3
     assert np.abs(drawn.image.numpy() - oracle.image).max() < 1e-5
     assert np.abs(drawn.transmittance.numpy() - oracle.transmittance).max() < 1e-5
+
+
+def test_all_renderers_have_the_same_guard_band():
+    """Giants two pixels inside and outside of each of its ends, along x and along y."""
+    camera, end = forward_camera(), 1 << 14
+    near = [(side * (end + off) if axis == 0 else 20.0, side * (end + off) if axis == 1 else 20.0, 0.25, 16000.0, 0.4)
+            for axis in (0, 1) for side in (1, -1) for off in (-2, 2)]
+    gaussians = round_gaussians(near)
+    inside = [0, 2, 4, 6]
+    assert project(gaussians, camera, 3.0).index.tolist() == inside
+    assert project_torch(gaussians, camera, 4.5).index.tolist() == inside
+    for draw in (project(gaussians, camera, 3.0, UNBOUNDED), project_torch(gaussians, camera, 4.5, UNBOUNDED)):
+        assert len(draw.index) == 8
+    oracle = render_oracle(to_model(gaussians, up=np.array([0.0, -1, 0]), name="e"), camera)
+    assert oracle.culled["outside"] == 4 and oracle.coverage.min() > 0.3
+    for drawn in (reference.render(gaussians, camera), render(gaussians, camera)):
+        assert np.abs(drawn.image.numpy() - oracle.image).max() < 1e-4
 
 
 def test_nothing_in_view_is_the_background():

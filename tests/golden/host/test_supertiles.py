@@ -20,6 +20,7 @@ from spec.constants import SUPER_X, SUPER_Y
 from spec.effects import with_two_eyes
 from spec.errors import InputError
 from spec.memory import DIRECTORY_BEATS, TILE_SETTING_BYTES, frame_settings, page_beats, tile_setting
+from tb.frame.__main__ import main as simulate
 from tests.helpers.golden_samples import map_for, random_model, view
 
 
@@ -92,9 +93,9 @@ def test_two_eyes_are_refused_by_the_name_of_a_machine_that_has_them(tmp_path):
         with_two_eyes(V3)
     assert with_two_eyes(V3_RECORDS).stereo
     with pytest.raises(InputError, match=r"^two eyes are not accepted: .*; config 'paper' renders two$"):
-        main(["embedded", "--config", "v3", "--stereo", "--out", str(tmp_path / "x")])
+        simulate(["embedded", "--config", "v3", "--stereo", "--out", str(tmp_path / "x")])
     with pytest.raises(InputError, match="`paper` renders two eyes"):
-        main(["embedded", "--config", "v3", "--set", "stereo=true", "--out", str(tmp_path / "x")])
+        simulate(["embedded", "--config", "v3", "--set", "stereo=true", "--out", str(tmp_path / "x")])
     assert not list(tmp_path.iterdir())
 
 

@@ -239,11 +239,13 @@ def test_the_largest_scale_top_covers_every_scale():
     assert (steps >= 2.0 ** (np.arange(16) / 16)).all()
 
 
-def test_a_splat_whose_mean_saturates_still_reaches_the_frame():
-    """Its mean lies 40,000 pixels to the right, but the machine takes 16,384 for it, and it is wide enough for that."""
+@pytest.mark.parametrize(("pixels", "reaches"), [(16000, 1), (40000, 0)])
+def test_the_chunk_of_a_giant_beside_the_frame_is_read(pixels, reaches):
+    """Its mean lies so far to the right, and it is so wide that it reaches the frame from the end of the guard band. Beyond it,
+    the splat is culled; the test does not know of the guard band, and need not."""
     camera = view(64, 48, fx=1000.0)
-    words = words_at((40.0, 0, 1.0), scale=(6.0, 6.0, 6.0))
+    words = words_at((pixels / 1000, 0, 1.0), scale=(6.0, 6.0, 6.0))
     registers = frame_registers(WIDE, camera, words, no_foveation(Display(64, 48)), np.zeros(3))
-    assert len(survivors(WIDE, replace(words, chunks=None), registers, None, False)) == 1
+    assert len(survivors(WIDE, replace(words, chunks=None), registers, None, False)) == reaches
     found = judged(words, camera)
     assert found.read.all() and (found.first[0, 0], found.last[0, 0]) == (0, 64 // TILE - 1)

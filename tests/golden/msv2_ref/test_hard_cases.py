@@ -12,11 +12,14 @@ import pytest
 
 from golden.host.quantise import quantise_model
 from golden.metrics.image import psnr_vs
-from golden.msv2_ref.pipeline import Frame
+from golden.msv2_ref.pipeline import Frame, render
 from golden.msv2_ref.projection import FAINT, NEAR, OUTSIDE, VISIBLE
+from golden.msv2_ref.saturations import misplaced
 from golden.oracle.render import render as oracle
 from spec.config import PAPER_SMALL
 from spec.constants import EXPONENT_SCALE, LOG2E_HALF, LOW_PASS
+from spec.formats import SQ
+from spec.guard_band import UNBOUNDED, mean_range
 from spec.records import array_splat
 from tests.helpers.array_by_the_text import ArrayByTheText
 from tests.helpers.checked_frames import N, checked, coverage
@@ -57,6 +60,23 @@ def test_04_behind_the_camera_with_a_huge_extent():
 def test_05_mean_far_outside_the_frustum(x):
     frame = checked(splats((x, 0, 1), (0, -x, 1), (0, 0, 1)), view())
     assert reasons(frame) == [OUTSIDE, OUTSIDE, VISIBLE]
+
+
+@pytest.mark.parametrize("bits", [14, 12])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_74_giants_at_both_ends_of_the_guard_band(bits, axis):
+    """Three pixels inside its end they are drawn, as the oracle draws them; three pixels outside they are culled."""
+    config, end = PAPER_SMALL.with_(name="other", formats=replace(N, mean2d=SQ(bits, 10))), 1 << bits
+    pixels = np.array([end - 3, 3 - end, end + 3, -end - 3])
+    means = np.full((4, 3), 0.25)
+    means[:, axis], means[:, 1 - axis] = (pixels - (WIDTH, HEIGHT)[axis] / 2) * 0.25 / 50, 0.0
+    model, camera = splats(*means, scale=0.25 / 50 * end, opacity=0.4), view()
+    frame = render(model, camera, config=config)
+    assert reasons(frame) == [VISIBLE, VISIBLE, OUTSIDE, OUTSIDE]
+    assert misplaced(frame.projected).tolist() == [False, False, True, True]
+    exact = oracle(model, camera, mean_range=mean_range(config.formats))
+    assert exact.culled["outside"] == 2 and psnr_vs(frame.image, exact.image) > 60
+    assert psnr_vs(frame.image, oracle(model, camera, mean_range=UNBOUNDED).image) < 40
 
 
 @pytest.mark.parametrize("side", [1, -1])

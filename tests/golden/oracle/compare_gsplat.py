@@ -22,6 +22,7 @@ from golden.metrics.image import psnr_vs
 from golden.oracle.render import render
 from golden.scenes.camera import Camera
 from golden.scenes.model import GaussianModel
+from spec.guard_band import UNBOUNDED
 
 ALPHA_MAX = 0.999  # gsplat's; 3DGS has 0.99
 ALPHA_MIN = 1 / 255
@@ -51,7 +52,7 @@ class Comparison:
 
 def compare(model: GaussianModel, camera: Camera) -> Comparison:
     """Render both ways, each by its own rule for stopping a pixel, then gsplat's way by the oracle's rule."""
-    ours = render(model, camera, support_sigma=None, alpha_max=(ALPHA_MAX,))
+    ours = render(model, camera, support_sigma=None, alpha_max=(ALPHA_MAX,), mean_range=UNBOUNDED)
     theirs = gsplat_image(model, camera, stop_after=False)
     same_rule = gsplat_image(model, camera, stop_after=True)
     stopped = ours.transmittance < T_STOP

@@ -1,4 +1,4 @@
-"""Splats that the machine cannot place: found in the frames they reach into, narrowed, and nothing else."""
+"""Splats that reach into frames from beyond the guard band: found, narrowed, and nothing else."""
 
 from dataclasses import replace
 
@@ -11,6 +11,7 @@ from golden.diff.gaussians import Gaussians  # noqa: E402
 from golden.diff.projection import project  # noqa: E402
 from golden.training.representable import FARTHEST, Bounds, misplaced  # noqa: E402
 from spec.constants import SUPPORT_SIGMA  # noqa: E402
+from spec.guard_band import UNBOUNDED  # noqa: E402
 from tests.helpers.training_samples import guarded, same, small_dense, small_scene  # noqa: E402
 
 
@@ -29,12 +30,13 @@ def scene():
 
 
 def test_a_giant_off_to_the_side_is_narrowed_until_no_frame_lists_it(scene):
-    """As on bonsai: so far to the side that its centre saturates, so wide that it is listed."""
+    """As on bonsai: so far to the side that its centre lies beyond the guard band, so wide that it would be listed."""
     view = scene.train[0]
     camera = scene.cameras[view]
     giant = beside(camera, 200.0, 0.5, 120.0)
-    centre = project(giant, camera, SUPPORT_SIGMA).mean2d
+    centre = project(giant, camera, SUPPORT_SIGMA, UNBOUNDED).mean2d
     assert len(centre) == 1 and float(centre.abs().max()) > FARTHEST
+    assert not len(project(giant, camera, SUPPORT_SIGMA).index)
     assert misplaced(giant, scene, [view]) == 1
     bounds = Bounds(scene)
     assert bounds.apply(giant) == 1 and bounds.apply(giant) == 0
@@ -43,7 +45,7 @@ def test_a_giant_off_to_the_side_is_narrowed_until_no_frame_lists_it(scene):
 
 
 @pytest.mark.parametrize(("across", "ahead", "scale"), [(2.0, 0.5, 1.2), (200.0, 0.5, 5.0), (200.0, -0.5, 120.0)])
-def test_what_the_machine_can_place_is_left_alone(scene, across, ahead, scale):
+def test_what_the_guard_band_holds_is_left_alone(scene, across, ahead, scale):
     """Near ones stay within the range, narrow ones meet no frame from there, and behind a camera nothing is listed."""
     one = replace(scene, train=scene.train[:1], validation=())
     splat = beside(scene.cameras[scene.train[0]], across, ahead, scale)

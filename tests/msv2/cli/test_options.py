@@ -97,6 +97,10 @@ def parsed(*argv: str, stereo: bool = False, memory: str | None = "ideal") -> Ru
 def test_run_options():
     assert parsed() == RunOptions(False, True, None, None, False, 100, 25.6)
     assert parsed(stereo=True).display and not parsed("--pixels", "wide", stereo=True).display
+    packed = parsed("--pixels", "packed")
+    assert (packed.display, packed.packed) == (True, True) and not parsed("--pixels", "display").packed
+    with pytest.raises(InputError, match="pixels 'packed' is not accepted with --stereo: 'display' is"):
+        parsed("--pixels", "packed", stereo=True)
     assert parsed("--merge", "0", "--beta", "9").beta == 0 and parsed("--beta", "9").beta == 9
     assert parsed("--pipeline", "0").incremental is False and parsed("--machine", "full").full
     assert parsed("--memory", "lpddr3") == replace(parsed(), memory="lpddr3") and parsed().memory == "ideal"

@@ -82,6 +82,7 @@ EFFECTS = {
     "header_lines": Effect("16", "area- bytes+", base=V3),
     "batch_places": Effect("64", "cycles+ area-", base=V3),
     "streams": Effect("4", "cycles- area+", base=V3),
+    "packed": Effect("true", "area+ bytes-", base=V3),
     "formats.chunk": Effect("float6e8b127", "bytes+", base=CHUNKS),
     "formats.position": Effect("float19e8b127", "pixels"),
     "formats.scale": Effect("ufloat11e6b40", "pixels"),
@@ -151,7 +152,7 @@ def seen(config: AcceleratorConfig) -> Seen:
     memory, table = MemoryModel("ideal"), load_table()  # LPDDR3 alone would bound small frames
     if config.supertiles:
         trace = super_trace(frame)
-        cycles = simulate_supertiles(trace, config, memory=memory, display=True)
+        cycles = simulate_supertiles(trace, config, memory=memory, display=True, packed=config.packed)
         counts, table, tests = super_counts(trace, cycles, config), super_table(table, config), trace.pairs
     else:
         trace = trace_of(frame)

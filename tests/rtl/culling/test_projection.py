@@ -13,6 +13,7 @@ import pytest
 from amaranth.hdl import Module, Signal, unsigned
 from amaranth.sim import Simulator
 
+from golden.msv2_ref.projection import FAINT, NEAR, VISIBLE, project
 from rtl.culling.near import limit_format
 from rtl.culling.projection_unit import ProjectionUnit
 from rtl.culling.values import at_least_smallest, clamp, doubled, order, rescale, widen
@@ -20,6 +21,7 @@ from spec.config import DEFAULT, PAPER, PAPER_SMALL, SHORT_FORMATS, TINY
 from spec.formats import SmallFloat
 from tb.common.exact import problems
 from tb.culling import projection_suite
+from tb.culling.projection_stimuli import guard_band_case, guard_band_ends
 from tests.helpers.rtl_streams import assert_rejected
 
 N = PAPER.formats
@@ -46,11 +48,30 @@ def test_the_plan_meets_every_limit_of_the_formats(tiny):
     splats = splats[splats["end"] == 0]
     assert (splats["depth"] == N.depth.raw_max).any() and (splats["depth_key"] == N.depth_key.raw_max).any()
     for raw in (N.mean2d.raw_min, N.mean2d.raw_max):
-        assert (splats["mean2d"] == raw).any()
+        assert not (splats["mean2d"] == raw).any()
+        assert (splats["mean2d"] == raw + (1 if raw < 0 else -1)).any(axis=0).all()  # the outermost means that are drawn
     assert (splats["conic"][:, [0, 2]] == 1 << (N.conic.sig_bits - 1)).any()  # the smallest positive number
     assert (splats["conic"][:, 1] == 0).any()
     counts = {name: sum(item.observed[name] for item in plan) for name in projection_suite.REASONS}
     assert min(counts.values()) > 500, counts
+    assert sum(item.observed["saturated_means"] for item in plan) > 500
+
+
+def test_means_at_every_end_of_the_guard_band_are_met():
+    """On both axes, on both sides, at the end and an ulp inside and outside of it; only those inside are drawn."""
+    met, rng, to = set(), np.random.default_rng(0), N.mean2d
+    for number in range(len(guard_band_ends(TINY))):
+        case = guard_band_case(TINY, rng, number)
+        projected = project(TINY, case.frames[0], case.registers)
+        offset = N.position.to_float(case.frames[0].geometry["mean"])
+        raw = 256 * offset[:, :2] / offset[:, 2:] * 2**to.frac_bits + case.registers.centre
+        assert np.array_equal(raw, np.floor(raw)) and (offset[:, 2] == 2).all()
+        assert np.array_equal(projected.mean2d, np.clip(raw, to.raw_min, to.raw_max))
+        beyond = ((raw <= to.raw_min) | (raw >= to.raw_max)).any(axis=1)
+        clear, boxed = ~np.isin(projected.reason, (FAINT, NEAR)), (projected.box[:, ::2] <= projected.box[:, 1::2]).all(axis=1)
+        assert ((projected.reason == VISIBLE) == (clear & boxed & ~beyond)).all() and (boxed & beyond & clear).sum() > 20
+        met |= {(axis, int(value)) for axis in range(2) for value in raw[boxed & clear, axis]}
+    assert met >= {(axis, end) for axis in range(2) for end in guard_band_ends(TINY)}
 
 
 def test_faults_are_found(tiny):
@@ -63,7 +84,7 @@ def test_faults_are_found(tiny):
         rows[name].flat[0] ^= 1
         wrong = problems(replace(item, expected={"source": rows}), recording)
         assert len(wrong) == 1 and wrong[0].startswith("source 0: "), name
-    for name in projection_suite.REASONS:
+    for name in projection_suite.COUNTS:
         observed = {**item.observed, name: item.observed[name] + 1}
         assert problems(replace(item, observed=observed), recording)[0].startswith(name)
     assert problems(replace(item, most_cycles=recording.cycles - 1), recording)

@@ -10,7 +10,7 @@ from golden.msv2_ref.saturations import count_saturated
 from rtl.culling import saturations
 from rtl.culling.saturations import SaturationCounters
 from spec.config import PAPER
-from spec.saturations import SATURATIONS, STREAMS, limits
+from spec.saturations import STREAMS, WATCHED, limits
 from tests.helpers.rtl_streams import assert_rejected
 
 ROWS, LATENCY = 200, 3
@@ -38,10 +38,10 @@ def counted(config, rows, moves):
                 if n < ROWS:
                     ctx.set(getattr(dut, name).as_value(), record(config).pack(rows[name][n]))
             await ctx.tick()
-        found["counts"] = {s.name: ctx.get(getattr(dut, s.name)) for s in SATURATIONS}
+        found["counts"] = {s.name: ctx.get(getattr(dut, s.name)) for s in WATCHED}
         ctx.set(dut.clear, 1)
         await ctx.tick()
-        found["cleared"] = [ctx.get(getattr(dut, s.name)) for s in SATURATIONS]
+        found["cleared"] = [ctx.get(getattr(dut, s.name)) for s in WATCHED]
 
     simulator = Simulator(dut)
     simulator.add_clock(1e-9)
@@ -60,7 +60,7 @@ def drawn():
 
 
 def golden(rows, moves):
-    return {s.name: count_saturated(PAPER, s, rows[s.stream][s.field][moves[s.stream]]) for s in SATURATIONS}
+    return {s.name: count_saturated(PAPER, s, rows[s.stream][s.field][moves[s.stream]]) for s in WATCHED}
 
 
 def test_what_is_transferred_is_counted_as_golden_counts_it(drawn):

@@ -95,9 +95,9 @@ def test_rows_are_bit_exact_and_take_the_models_cycles(config, memory, tmp_path)
     assert first["frame_cycles"] != second["frame_cycles"]
     if config.supertiles:
         assert first["lists"] == 1 < second["lists"]
-        for number, numbers in enumerate(report["frames"]):
-            _, cycles = study.model_row(report | numbers | {"number": number}, SCENE[0])
-            got = study.compared(report | numbers | {"number": number}, cycles)
+        rows = [report | numbers | {"number": number} for number, numbers in enumerate(report["frames"])]
+        for row, _, cycles in study.model_rows(rows, lambda name: SCENE[0]):
+            got = study.compared(row, cycles)
             assert abs(got["total"]["error"]) <= study.TOTAL_GOAL and got["misses_equal"]
             assert all(stage["busy_equal"] for stage in got["stages"].values())
             assert got["beats_equal"]

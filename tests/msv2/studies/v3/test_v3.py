@@ -15,7 +15,7 @@ from msv2.studies.memory import IDEAL, LPDDR3
 from msv2.studies.performance.frames import request
 from msv2.studies.v3 import frames, photographs, study, summary, supertiles
 from msv2.studies.v3.page import page
-from spec.config import PAPER, V3, V3_RECORDS
+from spec.config import PAPER, V3, V3_PACKED, V3_RECORDS
 
 
 def row(frame: str, machine: str, memory: str, cycles: int, total: int, **more: object) -> dict[str, object]:
@@ -81,6 +81,21 @@ def test_the_step_to_super_tiles_has_its_gains_and_the_worst_overflow_of_foveate
     assert summary.goals(rows, [], [])[-1]["reached"] is None
 
 
+def test_the_step_to_packed_frames_is_in_reports_that_have_it(rows):
+    assert "packed" not in summary.steps(rows, [], [])
+    packed = [r | {"machine": V3_PACKED.name, "cycles": r["cycles"] // 2, "total_bytes": 125, "bytes": {
+        "read": {}, "write": {"frame": 40}}} for r in rows if r["machine"] == V3.name]
+    plain = [r | {"bytes": {"read": {}, "write": {"frame": 100}}} if r["machine"] == V3.name else r for r in rows]
+    step = summary.steps([*plain, *packed], [], [])["packed"]
+    assert math.isclose(step["bytes_gain"], 8) and math.isclose(step["over_v3"]["bytes_gain"], 2)
+    assert math.isclose(step["over_v3"]["lpddr3_gain"], 2) and math.isclose(step["ideal_gain"], 16)
+    content = {"missing": [], "missing_runs": [], "ordered": [], "goals": [], "steps": summary.steps([*plain, *packed], [], []),
+               "frames": [*plain, *packed], "photographs": [], "orders": []}
+    text = page(content)
+    assert "| truck | 2.000 | 2.000 | 2.000 | 0.400 |" in text and "## Packed frames" in text
+    assert "## Packed frames" not in page(content | {"frames": plain, "steps": summary.steps(plain, [], [])})
+
+
 @pytest.mark.parametrize(("loss", "reached"), ((0.0049, True), (0.0051, False)))
 def test_goals_are_judged(rows, loss, reached):
     goals = {goal["goal"]: goal["reached"] for goal in summary.goals(
@@ -108,7 +123,7 @@ def test_a_small_frame_is_measured_on_every_machine(tmp_path):
     study.main([EMBEDDED, "--size", "96x64", "--orders", "0", "--photographs", "0", "--out", str(tmp_path)])
     content = json.loads((tmp_path / "v3.json").read_text())
     found = {(r["machine"], r["memory"]): r for r in content["frames"]}
-    assert len(found) == (len(frames.MACHINES) + 1) * len(frames.MEMORIES)
+    assert len(found) == (len(frames.MACHINES) + 2) * len(frames.MEMORIES)
     paper, spatial, wide, records = (found[name, LPDDR3] for name in frames.MACHINES)
     assert paper["total_bytes"] > records["total_bytes"] and paper["points_read"] == paper["points"] >= records["points_read"]
     assert spatial["bytes"]["read"]["geometry"] == paper["bytes"]["read"]["geometry"] >= wide["bytes"]["read"]["geometry"]
@@ -119,6 +134,9 @@ def test_a_small_frame_is_measured_on_every_machine(tmp_path):
     assert supers["bytes"]["read"]["geometry"] == records["bytes"]["read"]["geometry"]
     assert supers["entries"] == records["entries"] and supers["survivors"] == records["survivors"] <= supers["pairs"]
     assert "views" not in supers["bytes"]["read"] and content["steps"]["supertiles"]["overflow"] == []
+    packed = found[V3_PACKED.name, LPDDR3]
+    assert packed["bytes"]["read"] == supers["bytes"]["read"]
+    assert packed["bytes"]["write"]["frame"] < 0.8 * supers["bytes"]["write"]["frame"] == 0.8 * 4 * 96 * 64
     assert PAPER.name in (tmp_path / "v3.md").read_text()
 
 

@@ -1,0 +1,90 @@
+"""`msv2 study run two_eyes`: what a second eye costs on `v3` where both eyes come from one set of lists, and what its pixels
+lose by the first eye's order: two_eyes.{json,md}. The cycles of `paper` are those of reports/v3.json.
+
+examples:
+  msv2 study run two_eyes                              all frames
+  msv2 study run two_eyes embedded --size 320x180      one frame
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from golden.scenes.files import read_json
+from golden.scenes.load import EMBEDDED
+from golden.scenes.request import make_folder, parse_size
+from msv2.studies.memory import MEMORY_NAMES
+from msv2.studies.page import write_page
+from msv2.studies.performance.frames import scene_file
+from msv2.studies.progress import Progress
+from msv2.studies.record import write_report
+from msv2.studies.two_eyes import measure
+from msv2.studies.two_eyes.page import GAIN_GOAL, SHARE_GOAL, page, summary
+from msv2.studies.v3 import frames
+from spec.command_line import command_parser
+from spec.config import PAPER
+from spec.paths import REPORTS
+
+BASE = REPORTS / "v3.json"
+
+
+def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = command_parser("msv2 study run two_eyes", __doc__)
+    parser.add_argument("scene", nargs="*", metavar="SCENE",
+                        help="'embedded', a model file or a scene of MSV2_DATA (default: all four scenes)")
+    parser.add_argument("--size", action="append", default=[], metavar="WxH",
+                        help=f"size of the frames; can be repeated (default: {', '.join(frames.SIZES)})")
+    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",
+                        help="output folder (default: build/reports; --keep: reports)")
+    return parser.parse_args(argv)
+
+
+def measured(args: argparse.Namespace) -> dict[str, Any]:
+    """The report's numbers; pixels are measured in frames of the first size alone.
+
+    Raises:
+        InputError: a scene that the command line names is missing.
+    """
+    scenes = tuple(args.scene) or frames.SCENES
+    missing = [] if args.scene else [name for name in scenes if name != EMBEDDED and scene_file(name) is None]
+    todo = frames.subjects(tuple(name for name in scenes if name not in missing), tuple(args.size) or frames.SIZES)
+    rows, shifts, quality = [], [], []
+    progress = Progress("two_eyes", [subject.name for subject in todo])
+    for subject in todo:
+        with progress.step(subject.name):
+            for machine in measure.MACHINES:
+                for memory in MEMORY_NAMES:
+                    rows += measure.cycle_rows(subject, machine, memory)
+            shifts.append(measure.shift_row(subject))
+            if subject.size == todo[0].size:
+                quality += [measure.quality_row(subject, camera) for camera in measure.CAMERAS]
+    return {"missing": missing, "goals": {"second_eye_share": SHARE_GOAL, "two_eyes_gain": GAIN_GOAL},
+            "summary": summary(rows, _paper()), "shifts": shifts, "quality": quality, "frames": rows}
+
+
+def _paper() -> list[Mapping[str, Any]]:
+    """The frames of one eye on `paper`."""
+    found = read_json(BASE)["frames"] if BASE.is_file() else []
+    return [row for row in found if row["machine"] == PAPER.name]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the command line."""
+    args = _arguments(argv)
+    for size in args.size:
+        parse_size(size)
+    out = make_folder(args.out)
+    content = measured(args)
+    scenes = [scene_file(scene) for scene in args.scene or frames.SCENES if scene != EMBEDDED]
+    write_report(out / "two_eyes.json", content, [__name__],
+                 {"arguments": args, "machines": measure.MACHINES},
+                 [BASE, *filter(None, scenes)])
+    write_page(out / "two_eyes.md", page(content))
+    for found in content["summary"].values():
+        numbers = ((name, found[name]) for name in ("second_eye_share", "two_eyes_gain"))
+        print(f"{found['machine']}, {found['memory']}: " + ", ".join(
+            f"{name} {'not measured' if value is None else f'{value:.3f}'}" for name, value in numbers))
+    return 0
