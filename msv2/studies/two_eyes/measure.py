@@ -59,10 +59,10 @@ def _words(scene: str) -> GaussianWords:
 
 
 @lru_cache(maxsize=1)
-def rendered(subject: Subject, camera: str = ORBIT) -> JointFrame:
+def rendered(subject: Subject, camera: str = ORBIT, config: AcceleratorConfig = V3) -> JointFrame:
     """The joint frame of a subject."""
     asked, pair, _ = eyes_of(subject, camera)
-    return render_joint(_words(subject.scene), pair, config=V3, foveation=asked.foveation, background=asked.background)
+    return render_joint(_words(subject.scene), pair, config=config, foveation=asked.foveation, background=asked.background)
 
 
 def on_machine(frame: JointFrame, config: AcceleratorConfig) -> JointFrame:
@@ -87,13 +87,15 @@ def _one_eye(frame: JointFrame, joint: SuperTrace) -> SuperTrace:
 
 def traces(subject: Subject, config: AcceleratorConfig) -> tuple[SuperTrace, SuperTrace]:
     """The traces of one eye and of both, from the cache if none of its inputs has changed."""
-    config = V3.with_(streams=config.streams)
+    one_array = V3.with_(row_width=config.row_width, list_heads=config.list_heads)
+    config = one_array.with_(streams=config.streams)
     made = trace_key(request(subject.scene, subject.size), config)
-    key = fingerprint(sources_of("perf.joint_trace"), VERSION, made, config.streams, table_scale(subject.scene, None))
+    key = fingerprint(sources_of("perf.joint_trace"), VERSION, made, config.streams, config.row_width,
+                      table_scale(subject.scene, None))
     kept = [CACHE / f"{key}-{eyes}.npz" for eyes in (1, 2)]
     found = [load_trace(path) if path.is_file() else None for path in kept]
     if None in found:
-        frame = on_machine(rendered(subject), config)
+        frame = on_machine(rendered(subject, config=one_array), config)
         both = joint_trace(frame)
         found = [_one_eye(frame, both), both]
         for trace, path in zip(found, kept, strict=True):
@@ -101,14 +103,18 @@ def traces(subject: Subject, config: AcceleratorConfig) -> tuple[SuperTrace, Sup
     return found[0], found[1]
 
 
-def cycle_rows(subject: Subject, machine: str, memory: str) -> list[dict[str, object]]:
-    """The numbers of a frame of one eye and of joint frames on one of MACHINES with a memory, JSON-ready; `bytes` by client."""
-    config, out = MACHINES[machine], []
+def cycle_rows(
+    subject: Subject, machine: str, memory: str, config: AcceleratorConfig, clock_mhz: float = 1000.0,
+) -> list[dict[str, object]]:
+    """The numbers of a frame of one eye and of joint frames on a machine, by its name in the report and its configuration, with
+    a memory, JSON-ready; `bytes` by client."""
+    out = []
     one, two = traces(subject, config)
     for kind, trace in ((ONE, one), (TWO, two), (SHARED, two)):
         if kind == SHARED and not two.sh_degree:
             continue  # without harmonics, colours have no direction
-        found = simulate_supertiles(trace, config, memory=MemoryModel(**memory_arguments(memory)), display=True,
+        found = simulate_supertiles(trace, config, display=True,
+                                    memory=MemoryModel(**memory_arguments(memory), clock_ns=1e3 / clock_mhz),
                                     shared_colour=kind == SHARED)
         busy = {name: stage.busy for name, stage in found.stages.items()}
         out.append({

@@ -9,6 +9,7 @@ from typing import Any
 from msv2.studies.memory import IDEAL, MEMORY_NAMES
 from msv2.studies.page import table
 from msv2.studies.performance.summary import geomean
+from msv2.studies.two_eyes.headset import section
 from msv2.studies.two_eyes.measure import ARRAYS, MACHINES, ONE, SHARED, TWO
 from spec.config import PAPER, V3
 
@@ -81,6 +82,7 @@ def page(content: Mapping[str, Any]) -> str:
             _frames(rows, f)) if f["shares"]),
         "## Where the second eye's cycles go", f"Four arrays, {MEMORY_NAMES[IDEAL]}: cycles of both phases, one eye / two "
         "eyes, and the items that stages take in the second frame over those in the first.", _stages(rows),
+        "## The eyes of a headset", section(content),
         "## Pairs", "Pairs of splats and super-tiles of both eyes over those of the source, with the shift of the median "
         "disparity, in tiles; with none; and with the best one of -4..4.", _shifts(content["shifts"]),
         "## Pixels",

@@ -21,7 +21,7 @@ from msv2.studies.page import write_page
 from msv2.studies.performance.frames import scene_file
 from msv2.studies.progress import Progress
 from msv2.studies.record import write_report
-from msv2.studies.two_eyes import measure
+from msv2.studies.two_eyes import headset, measure
 from msv2.studies.two_eyes.page import GAIN_GOAL, SHARE_GOAL, page, summary
 from msv2.studies.v3 import frames
 from spec.command_line import command_parser
@@ -55,13 +55,15 @@ def measured(args: argparse.Namespace) -> dict[str, Any]:
     progress = Progress("two_eyes", [subject.name for subject in todo])
     for subject in todo:
         with progress.step(subject.name):
-            for machine in measure.MACHINES:
+            for machine, config in measure.MACHINES.items():
                 for memory in MEMORY_NAMES:
-                    rows += measure.cycle_rows(subject, machine, memory)
+                    rows += measure.cycle_rows(subject, machine, memory, config)
             shifts.append(measure.shift_row(subject))
             if subject.size == todo[0].size:
                 quality += [measure.quality_row(subject, camera) for camera in measure.CAMERAS]
-    return {"missing": missing, "goals": {"second_eye_share": SHARE_GOAL, "two_eyes_gain": GAIN_GOAL},
+    wide = not args.scene and not args.size  # a run that names frames asks for no others
+    return {"missing": missing, "headset": headset.rows() if wide else [], "headset_missing": headset.missing(),
+            "goals": {"second_eye_share": SHARE_GOAL, "two_eyes_gain": GAIN_GOAL, "headset_fps": headset.GOAL_FPS},
             "summary": summary(rows, _paper()), "shifts": shifts, "quality": quality, "frames": rows}
 
 
@@ -80,7 +82,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     content = measured(args)
     scenes = [scene_file(scene) for scene in args.scene or frames.SCENES if scene != EMBEDDED]
     write_report(out / "two_eyes.json", content, [__name__],
-                 {"arguments": args, "machines": measure.MACHINES},
+                 {"arguments": args, "machines": measure.MACHINES | headset.MACHINES},
                  [BASE, *filter(None, scenes)])
     write_page(out / "two_eyes.md", page(content))
     for found in content["summary"].values():

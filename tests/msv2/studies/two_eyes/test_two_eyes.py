@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from msv2.studies.two_eyes import measure
+from msv2.studies.two_eyes import headset, measure
 from msv2.studies.two_eyes.page import page, summary
 from msv2.studies.two_eyes.study import main
 from msv2.studies.v3.frames import Subject
@@ -71,3 +71,19 @@ def test_the_page_says_what_the_rtl_lacks(content):
 def test_a_missing_scene_is_named(tmp_path):
     with pytest.raises(InputError, match="'nothing' is not accepted"):
         main(["nothing", "--out", str(tmp_path)])
+
+
+def test_frames_of_a_headset(monkeypatch):
+    monkeypatch.setattr(headset, "SIZE", "96x64")
+    monkeypatch.setattr(headset, "SCENES", ("embedded", "no_such_scene"))
+    monkeypatch.setattr(headset, "scene_file", lambda name: name == "embedded" or None)
+    rows = headset.rows()
+    assert headset.missing() == ["no_such_scene"]
+    assert len(rows) == len(headset.MACHINES) * len(headset.CLOCKS_MHZ) * 3
+    for row in rows:
+        assert row["fps"] == pytest.approx(1e6 * row["clock_mhz"] / row["cycles"])
+    fast, slow = (next(row for row in rows if row["clock_mhz"] == clock) for clock in headset.CLOCKS_MHZ)
+    assert fast["cycles"] > slow["cycles"] and fast["fps"] > slow["fps"], "a faster machine waits more cycles for memory"
+    text = headset.section({"headset": rows, "headset_missing": ["no_such_scene"]})
+    assert "no_such_scene (`make train" in text and f"{fast['fps']:.0f}" in text
+    assert "|" not in headset.section({"headset": [], "headset_missing": []})
