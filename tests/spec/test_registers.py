@@ -131,6 +131,12 @@ def test_machines_that_pack_frames_have_one_more_setting_and_say_so():
         assert host_settings.first_illegal(V3_PACKED, patterns | {"packed": is_packed, "display": shown}) == found
 
 
+@pytest.mark.parametrize("name", document_registers.MAKERS)
+def test_every_document_of_a_machine_that_packs_frames_has_the_setting(name):
+    text = document_registers.MAKERS[name](V3_PACKED)
+    assert "packed" in text.lower() and text != document_registers.MAKERS[name](V3)
+
+
 def test_a_setting_that_does_not_fit_is_refused():
     wide = PAPER.with_(formats=replace(PAPER.formats, mean2d=SQ(22, 10)))
     with pytest.raises(ValueError, match="centre_0 must fit a register of 32 bits, not 33"):
