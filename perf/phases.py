@@ -80,10 +80,13 @@ class LastingMemory:
     Parameters:
         model: the memory.
         idle_cycles: cycles from the memory's reset until the first phase.
+
+    Attributes:
+        age: cycles from the reset to the end of the last phase.
     """
 
     def __init__(self, model: MemoryModel, idle_cycles: int = 0) -> None:
-        self.model, self._before, self._cycles = model, None, 0
+        self.model, self._before, self._cycles, self.age = model, None, 0, 0
         self.wait(idle_cycles)
 
     def begin(self, layout: Layout, depths: Mapping[str, int] = READ_DEPTHS) -> np.record:
@@ -98,6 +101,7 @@ class LastingMemory:
     def end(self, cycles: int) -> int:
         """Says that the phase took so many cycles, after which everything has been answered. Returns `cycles`."""
         self._cycles = cycles
+        self.age += cycles
         return cycles
 
     def wait(self, cycles: int) -> None:

@@ -152,9 +152,10 @@ def _results(s: np.record, cycles: int, watched: tuple[str, ...]) -> _Pass:
                  dram_commands(s))
 
 
-def _bin(trace: SuperTrace, config: AcceleratorConfig, memory: MemoryModel, plan: SuperPlan) -> tuple[_Pass, int]:
+def _bin(trace: SuperTrace, config: AcceleratorConfig, memory: LastingMemory, plan: SuperPlan) -> tuple[_Pass, int]:
     """Simulates the first phase. Returns it with the cycle in which its last pair was in memory."""
     s = memory.begin(supertiles_bin.layout, SUPERTILE_READ_DEPTHS)
+    s.path_shift = memory.age
     paths = _set_paths(s, config)
     arrays = chunk_units.prepare(s, trace.chunk_count, trace.chunk_read, config, paths, trace.eyes)
     s.two_eyes = trace.eyes - 1
@@ -227,6 +228,7 @@ def _render(
     line, sorting, lists, visits, where = (
         config.line_buffer_bytes // ENTRY_BYTES, plan.sorting, plan.lists, plan.visits, plan.where)
     s = memory.begin(supertiles_render.layout, SUPERTILE_READ_DEPTHS)
+    s.path_shift = memory.age
     s.line_size, s.line_mask = line, (1 << (line - 1).bit_length()) - 1
     s.tile_count, s.sweep_from = len(lists.counts), sweep_from
     s.pointer_room, s.entries_base, s.directory_base = LIST_POINTERS, where.entries, where.directory
