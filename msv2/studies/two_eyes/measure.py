@@ -22,15 +22,16 @@ from msv2.studies.memory import memory_arguments
 from msv2.studies.performance.frames import SECOND_VIEW, request
 from msv2.studies.threshold.scales import table_scale
 from msv2.studies.v3.frames import CACHE, Subject, moved, total_bytes
+from msv2.studies.v3.frames import traced as trace_of_paper
+from msv2.studies.v3.summary import FOUR_ARRAYS as ARRAYS
 from perf.joint_trace import joint_trace
-from perf.model import MemoryModel
+from perf.model import MemoryModel, simulate
 from perf.supertiles import simulate_supertiles
 from perf.supertiles_trace import VERSION, SuperTrace, load_trace, save_trace, super_trace
 from perf.trace import trace_key
-from spec.config import V3, AcceleratorConfig
+from spec.config import PAPER, V3, AcceleratorConfig
 from spec.sources import fingerprint, sources_of
 
-ARRAYS = "four arrays"
 MACHINES = {V3.name: V3, ARRAYS: V3.with_(streams=4), f"{ARRAYS}, 1,024 places": V3.with_(streams=4, batch_places=1024)}
 """The machines by name: `v3`; with four arrays of a quarter of its cores each; and with twice the batch buffer beside, because
 places of two eyes fill it twice as fast. A frame of one eye is measured on the same machine."""
@@ -125,6 +126,12 @@ def cycle_rows(
             "pairs": found.pairs, "places": int(trace.places.sum(dtype=np.int64)), "lists": found.lists,
             "batches": found.batches, "visits": found.visits, "shift": trace.shift})
     return out
+
+
+def paper_row(subject: Subject, memory: str) -> dict[str, object]:
+    """The cycles of a frame of one eye on `paper` with a memory."""
+    found = simulate(trace_of_paper(subject, PAPER), PAPER, memory=MemoryModel(**memory_arguments(memory)), display=True)
+    return {"frame": subject.name, "machine": PAPER.name, "memory": memory, "cycles": found.total}
 
 
 def shift_row(subject: Subject) -> dict[str, object]:

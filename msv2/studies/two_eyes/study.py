@@ -1,5 +1,5 @@
 """`msv2 study run two_eyes`: what a second eye costs on `v3` where both eyes come from one set of lists, and what its pixels
-lose by the first eye's order: two_eyes.{json,md}. The cycles of `paper` are those of reports/v3.json.
+lose by the first eye's order: two_eyes.{json,md}.
 
 examples:
   msv2 study run two_eyes                              all frames
@@ -9,11 +9,10 @@ examples:
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from golden.scenes.files import read_json
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import make_folder, parse_size
 from msv2.studies.memory import MEMORY_NAMES
@@ -25,10 +24,7 @@ from msv2.studies.two_eyes import headset, measure
 from msv2.studies.two_eyes.page import GAIN_GOAL, SHARE_GOAL, page, summary
 from msv2.studies.v3 import frames
 from spec.command_line import command_parser
-from spec.config import PAPER
 from spec.paths import REPORTS
-
-BASE = REPORTS / "v3.json"
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -51,26 +47,21 @@ def measured(args: argparse.Namespace) -> dict[str, Any]:
     scenes = tuple(args.scene) or frames.SCENES
     missing = [] if args.scene else [name for name in scenes if name != EMBEDDED and scene_file(name) is None]
     todo = frames.subjects(tuple(name for name in scenes if name not in missing), tuple(args.size) or frames.SIZES)
-    rows, shifts, quality = [], [], []
+    rows, paper, shifts, quality = [], [], [], []
     progress = Progress("two_eyes", [subject.name for subject in todo])
     for subject in todo:
         with progress.step(subject.name):
             for machine, config in measure.MACHINES.items():
                 for memory in MEMORY_NAMES:
                     rows += measure.cycle_rows(subject, machine, memory, config)
+            paper += [measure.paper_row(subject, memory) for memory in MEMORY_NAMES]
             shifts.append(measure.shift_row(subject))
             if subject.size == todo[0].size:
                 quality += [measure.quality_row(subject, camera) for camera in measure.CAMERAS]
     wide = not args.scene and not args.size  # a run that names frames asks for no others
     return {"missing": missing, "headset": headset.rows() if wide else [], "headset_missing": headset.missing(),
             "goals": {"second_eye_share": SHARE_GOAL, "two_eyes_gain": GAIN_GOAL, "headset_fps": headset.GOAL_FPS},
-            "summary": summary(rows, _paper()), "shifts": shifts, "quality": quality, "frames": rows}
-
-
-def _paper() -> list[Mapping[str, Any]]:
-    """The frames of one eye on `paper`."""
-    found = read_json(BASE)["frames"] if BASE.is_file() else []
-    return [row for row in found if row["machine"] == PAPER.name]
+            "summary": summary(rows, paper), "paper": paper, "shifts": shifts, "quality": quality, "frames": rows}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -83,7 +74,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     scenes = [scene_file(scene) for scene in args.scene or frames.SCENES if scene != EMBEDDED]
     write_report(out / "two_eyes.json", content, [__name__],
                  {"arguments": args, "machines": measure.MACHINES | headset.MACHINES},
-                 [BASE, *filter(None, scenes)])
+                 [*filter(None, scenes)])
     write_page(out / "two_eyes.md", page(content))
     for found in content["summary"].values():
         numbers = ((name, found[name]) for name in ("second_eye_share", "two_eyes_gain"))

@@ -9,6 +9,7 @@ from msv2.studies.memory import LPDDR3, MEMORY_NAMES
 from msv2.studies.page import table
 from msv2.studies.v3.frames import MACHINES, MEMORIES
 from msv2.studies.v3.summary import Row, of
+from msv2.studies.v3.supertiles import STREAMS_PACKED
 from spec.config import PAPER, V3, V3_PACKED, V3_RECORDS
 from spec.registers import CHUNK_READ_CLIENTS, READ_CLIENTS, WRITE_CLIENTS
 
@@ -26,7 +27,7 @@ def page(content: Mapping[str, Any]) -> str:
         "## Gains over `paper`", "Geometric means over the frames. `paper, spatial order` is work of the host alone. "
         f"`{V3_RECORDS.name}` has chunks of compact records. `{V3.name}` has lists by super-tile and depth buckets, too; it "
         "gathers records and projects them again.",
-        _gains({**found["beside"], V3_RECORDS.name: found, V3.name: step}), _packed(content),
+        _gains({**found["beside"], V3_RECORDS.name: found, V3.name: step}), _packed(content), _streams(content),
         *(part for memory in MEMORIES for part in (f"## Cycles, {MEMORY_NAMES[memory]}", _cycles(rows, memory))),
         "## Bytes by client", f"MB of a frame: `{PAPER.name}` / `{V3_RECORDS.name}` / `{V3.name}`.", _bytes(rows),
         "## Super-tiles", f"Frames on `{V3.name}`, with the bounds of an unmoved camera. A pair is a splat and a "
@@ -93,6 +94,23 @@ def _packed(content: Mapping[str, Any]) -> str:
     return "\n\n".join((
         "## Packed frames", f"`{V3_PACKED.name}`, which packs frames for displays, over `{V3.name}`; the energy of packing is "
         "not measured.", table(head, lines, left=1)))
+
+
+def _streams(content: Mapping[str, Any]) -> str:
+    """What four arrays and packed frames give, in reports that have them."""
+    step = content["steps"].get("streams")
+    if not step:
+        return ""
+    name, eyes = STREAMS_PACKED.name, ""
+    if step["two_eyes_gain"] is not None:
+        eyes = (" Both eyes in joint frames (reports/two_eyes.md: cycle model only, not packed) take "
+                f"{step['two_eyes_gain']:.2f} times fewer LPDDR3 cycles than two frames of `{PAPER.name}`, "
+                f"{step['two_eyes_gain_ideal']:.2f} with the ideal memory; the second eye costs "
+                f"{step['second_eye_share']:.2f} and {step['second_eye_share_ideal']:.2f} of the first.")
+    return "\n\n".join((
+        "## Four arrays", f"`{name}` is `{V3.name}` with four arrays, each with a stream of the batch of its own, and packed "
+        f"frames. The first row is over `{PAPER.name}`, the second over `{V3.name}`.{eyes}",
+        _gains({f"{name} over {PAPER.name}": step, f"{name} over {V3.name}": step["over_v3"]})))
 
 
 def _cycles(rows: Sequence[Row], memory: str) -> str:

@@ -28,10 +28,13 @@ from msv2.studies.record import write_report
 from msv2.studies.v3 import frames, orders, photographs, summary, supertiles
 from msv2.studies.v3.page import page
 from spec.command_line import command_parser
-from spec.config import V3, V3_PACKED
+from spec.config import V3, V3_PACKED, V3_STREAMS
 from spec.paths import REPORTS
 
-REPORT = REPORTS / "v3.json"
+REPORT, EYES = REPORTS / "v3.json", REPORTS / "two_eyes.json"
+
+SUPERTILES = {V3: (V3, V3_PACKED), V3_STREAMS: (supertiles.STREAMS_PACKED,)}
+"""The machines with lists by super-tile, by the one whose traces they take."""
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -71,9 +74,10 @@ def measure(args: argparse.Namespace, old: Mapping[str, Any]) -> dict[str, Any]:
             for name, config in frames.MACHINES.items():
                 trace = frames.traced(subject, config)
                 rows += [frames.frame_row(subject, name, memory, trace, config, table) for memory in frames.MEMORIES]
-            trace = supertiles.super_traced(subject)
-            rows += [supertiles.super_row(subject, memory, trace, table, config)
-                     for config in (V3, V3_PACKED) for memory in frames.MEMORIES]
+            for traced, configs in SUPERTILES.items():
+                trace = supertiles.super_traced(subject, traced)
+                rows += [supertiles.super_row(subject, memory, trace, table, config)
+                         for config in configs for memory in frames.MEMORIES]
     for subject in sorted(moving, key=lambda subject: subject.scene):  # a scene's model is prepared once
         with progress.step(f"turns: {subject.name}"):
             overflow += supertiles.overflow_rows(subject)
@@ -88,8 +92,13 @@ def measure(args: argparse.Namespace, old: Mapping[str, Any]) -> dict[str, Any]:
         "clock_hz": frames.CLOCK_HZ, "missing": missing,
         "missing_runs": [scene for scene in missing_runs if scene not in {row["scene"] for row in photo_rows}],
         "ordered": [subject.name for subject in ordered], "goals": summary.goals(rows, photo_rows, overflow),
-        "steps": summary.steps(rows, photo_rows, overflow), "frames": rows, "photographs": photo_rows,
+        "steps": summary.steps(rows, photo_rows, overflow, _eyes()), "frames": rows, "photographs": photo_rows,
         "orders": summary.order_means(order_rows), "order_frames": order_rows}
+
+
+def _eyes() -> Mapping[str, Any]:
+    """The summary of the report of joint frames; empty without it."""
+    return read_json(EYES)["summary"] if EYES.is_file() else {}
 
 
 def _kept(old: Mapping[str, Any], scenes: Sequence[str]) -> list[Mapping[str, Any]]:
@@ -106,9 +115,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     old = read_json(REPORT) if REPORT.is_file() and not args.scene else {}
     content = measure(args, old)
     scenes = [scene_file(scene) for scene in args.scene or frames.SCENES if scene != EMBEDDED]
-    machines = frames.MACHINES | {V3.name: V3, V3_PACKED.name: V3_PACKED}
+    machines = frames.MACHINES | {config.name: config for configs in SUPERTILES.values() for config in configs}
     write_report(out / "v3.json", content, [__name__], {"arguments": args, "machines": machines},
-                 [TABLE, *filter(None, scenes), *(run / "model.ply" for run in photographs.runs_here()[0].values())],
+                 [TABLE, EYES, *filter(None, scenes), *(run / "model.ply" for run in photographs.runs_here()[0].values())],
                  earlier=old if _kept(old, photographs.runs_here()[1]) else None)
     write_page(out / "v3.md", page(content))
     for goal in content["goals"]:

@@ -9,6 +9,7 @@ from golden.scenes.load import EMBEDDED
 from msv2.studies.memory import IDEAL, LPDDR3
 from msv2.studies.performance.summary import geomean
 from msv2.studies.v3.frames import MACHINES
+from msv2.studies.v3.supertiles import STREAMS_PACKED
 from spec.config import PAPER, V3, V3_PACKED, V3_RECORDS
 
 Row = Mapping[str, Any]
@@ -22,6 +23,9 @@ SUPER_BYTES_GOAL, SUPER_CAPTURED_GOAL, SUPER_IDEAL_GOAL, SUPER_LPDDR3_GOAL, OVER
 cycles with the ideal memory and with LPDDR3; and the largest share of pairs in lists that the sorter cannot hold at once."""
 
 CAPTURED_SIZE = "640x360"
+
+FOUR_ARRAYS = "four arrays"
+"""The name of the machine with four streams in reports/two_eyes.json."""
 
 CULLED = "garden_large"
 """The scene whose share of chunks has a goal: a camera in it sees a part of it only."""
@@ -77,14 +81,37 @@ def supertiles(rows: Sequence[Row], overflow: Sequence[Row]) -> dict[str, object
             "overflow_share": worst_overflow(overflow), "overflow": list(overflow)}
 
 
-def steps(rows: Sequence[Row], photographs: Sequence[Row], overflow: Sequence[Row]) -> dict[str, object]:
+def steps(
+    rows: Sequence[Row], photographs: Sequence[Row], overflow: Sequence[Row], eyes: Mapping[str, Row] | None = None,
+) -> dict[str, object]:
     """The steps by name. `records` stands for spatial order, chunks and compact records together; beside it stand its parts.
-    `supertiles` stands for these and lists by super-tile, `packed` for packed frames besides, in reports that have them."""
+    `supertiles` stands for these and lists by super-tile, `packed` for packed frames besides, and `streams` for packed frames
+    and four arrays, in reports that have them.
+
+    Args:
+        rows: the frames.
+        photographs: the rows of losses against photographs.
+        overflow: the rows of turns.
+        eyes: the summary of reports/two_eyes.json. Its joint frames on four arrays, which are not packed, and which no RTL has,
+            stand beside the step `streams`.
+    """
     parts = {name: gains(rows, name) for name in MACHINES if name not in (PAPER.name, V3_RECORDS.name)}
     worst = max((row["loss_db"] for row in photographs), default=None)
     found = {**gains(rows, V3_RECORDS.name), "worst_photo_loss_db": worst, "chunks_read": shares(rows), "beside": parts}
     packed = {"packed": {**gains(rows, V3_PACKED.name), "over_v3": gains(rows, V3_PACKED.name, V3.name)}}
-    return {"records": found, "supertiles": supertiles(rows, overflow), **(packed if of(rows, machine=V3_PACKED.name) else {})}
+    streams = {"streams": {**gains(rows, STREAMS_PACKED.name), "over_v3": gains(rows, STREAMS_PACKED.name, V3.name),
+                           **_second_eye(eyes or {})}}
+    return {"records": found, "supertiles": supertiles(rows, overflow), **(packed if of(rows, machine=V3_PACKED.name) else {}),
+            **(streams if of(rows, machine=STREAMS_PACKED.name) else {})}
+
+
+def _second_eye(eyes: Mapping[str, Row]) -> dict[str, float | None]:
+    """What joint frames give on four arrays: with LPDDR3, and with the ideal memory."""
+    out: dict[str, float | None] = {}
+    for memory, end in ((LPDDR3, ""), (IDEAL, "_ideal")):
+        found = eyes.get(f"{FOUR_ARRAYS}, {memory}", {})
+        out |= {f"{name}{end}": found.get(name) for name in ("two_eyes_gain", "second_eye_share")}
+    return out
 
 
 def goals(rows: Sequence[Row], photographs: Sequence[Row], overflow: Sequence[Row]) -> list[dict[str, object]]:

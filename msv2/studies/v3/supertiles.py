@@ -25,7 +25,7 @@ from msv2.studies.v3.frames import CACHE, CLOCK_HZ, Subject, moved, total_bytes
 from perf.model import MemoryModel
 from perf.supertiles import simulate_supertiles
 from perf.supertiles_trace import SuperTrace, trace_request
-from spec.config import V3, AcceleratorConfig
+from spec.config import V3, V3_STREAMS, AcceleratorConfig
 
 TURNS = (0.5, 2.0)
 """Degrees by which the camera turns between two frames."""
@@ -34,13 +34,17 @@ STEP = 0.005
 """How far the camera moves to the side meanwhile, in units of the world."""
 
 
-def super_traced(subject: Subject) -> SuperTrace:
-    """The trace of a frame, from the cache where it is there.
+STREAMS_PACKED = V3_STREAMS.with_(name="v3_streams_packed", packed=True)
+"""All that is built for one eye: four arrays, and packed frames."""
+
+
+def super_traced(subject: Subject, config: AcceleratorConfig = V3) -> SuperTrace:
+    """The trace of a frame on a machine, from the cache where it is there. Packing changes no trace.
 
     Raises:
         InputError: the scene is missing.
     """
-    return trace_request(request(subject.scene, subject.size), V3, cache=CACHE)
+    return trace_request(request(subject.scene, subject.size), config, cache=CACHE)
 
 
 def super_row(
@@ -50,8 +54,9 @@ def super_row(
     frame is packed where the machine can; the energy of packing is not in the numbers."""
     frame = simulate_supertiles(
         trace, config, memory=MemoryModel(**memory_arguments(memory)), display=True, packed=config.packed)
+    plain = config.with_(packed=False)
     energy = frame_energy(
-        super_counts(trace, frame), frame.total, V3, super_table(table), clock_hz=CLOCK_HZ)
+        super_counts(trace, frame, plain), frame.total, plain, super_table(table, plain), clock_hz=CLOCK_HZ)
     return {
         "frame": subject.name, "scene": subject.scene, "size": subject.size, "machine": config.name, "memory": memory,
         "cycles": frame.total, "phases": frame.phases, "bytes": moved(frame), "total_bytes": total_bytes(frame),

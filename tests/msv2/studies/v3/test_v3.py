@@ -96,6 +96,21 @@ def test_the_step_to_packed_frames_is_in_reports_that_have_it(rows):
     assert "## Packed frames" not in page(content | {"frames": plain, "steps": summary.steps(plain, [], [])})
 
 
+def test_the_step_to_four_arrays_has_both_eyes_beside_it(rows):
+    assert "streams" not in summary.steps(rows, [], [])
+    four = [r | {"machine": supertiles.STREAMS_PACKED.name, "cycles": r["cycles"] / 4} for r in rows
+            if r["machine"] == V3.name]
+    eyes = {f"{summary.FOUR_ARRAYS}, {memory}": {"two_eyes_gain": gain, "second_eye_share": 0.5}
+            for memory, gain in ((LPDDR3, 3.5), (IDEAL, 2.5))}
+    alone, both = (summary.steps([*rows, *four], [], [], given) for given in (None, eyes))
+    assert math.isclose(both["streams"]["over_v3"]["ideal_gain"], 4) and math.isclose(both["streams"]["lpddr3_gain"], 32)
+    assert both["streams"]["two_eyes_gain"] == 3.5 and both["streams"]["two_eyes_gain_ideal"] == 2.5
+    content = {"missing": [], "missing_runs": [], "ordered": [], "goals": [], "frames": [*rows, *four], "photographs": [],
+               "orders": []}
+    assert "take 3.50 times fewer" in page(content | {"steps": both})
+    assert "## Four arrays" in page(content | {"steps": alone}) and "Both eyes" not in page(content | {"steps": alone})
+
+
 @pytest.mark.parametrize(("loss", "reached"), ((0.0049, True), (0.0051, False)))
 def test_goals_are_judged(rows, loss, reached):
     goals = {goal["goal"]: goal["reached"] for goal in summary.goals(
@@ -123,7 +138,7 @@ def test_a_small_frame_is_measured_on_every_machine(tmp_path):
     study.main([EMBEDDED, "--size", "96x64", "--orders", "0", "--photographs", "0", "--out", str(tmp_path)])
     content = json.loads((tmp_path / "v3.json").read_text())
     found = {(r["machine"], r["memory"]): r for r in content["frames"]}
-    assert len(found) == (len(frames.MACHINES) + 2) * len(frames.MEMORIES)
+    assert len(found) == (len(frames.MACHINES) + 3) * len(frames.MEMORIES)
     paper, spatial, wide, records = (found[name, LPDDR3] for name in frames.MACHINES)
     assert paper["total_bytes"] > records["total_bytes"] and paper["points_read"] == paper["points"] >= records["points_read"]
     assert spatial["bytes"]["read"]["geometry"] == paper["bytes"]["read"]["geometry"] >= wide["bytes"]["read"]["geometry"]
