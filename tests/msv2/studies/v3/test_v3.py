@@ -151,7 +151,7 @@ def test_a_small_frame_is_measured_on_every_machine(tmp_path):
     assert "views" not in supers["bytes"]["read"] and content["steps"]["supertiles"]["overflow"] == []
     packed = found[V3_PACKED.name, LPDDR3]
     assert packed["bytes"]["read"] == supers["bytes"]["read"]
-    assert packed["bytes"]["write"]["frame"] < 0.8 * supers["bytes"]["write"]["frame"] == 0.8 * 4 * 96 * 64
+    assert packed["bytes"]["write"]["frame"] < 0.9 * supers["bytes"]["write"]["frame"] == 0.9 * 4 * 96 * 64
     assert PAPER.name in (tmp_path / "v3.md").read_text()
 
 
