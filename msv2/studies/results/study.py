@@ -3,8 +3,8 @@
     msv2 study run results                      everything except training; it takes hours if nothing is cached, and reads
                                                 scenes from MSV2_DATA and liberty files from MSV2_PDK
     msv2 study run results --keep               the same into reports/, and the tables of README.md and docs/ from there
-    msv2 study run results --only frames        one part: accuracy, frames, frames_v3, machine, sorting, order, latencies,
-                                                synthesis, culling_area, colour, bench
+    msv2 study run results --only frames        one part: accuracy, frames, frames_v3, frames_streams, machine, sorting,
+                                                order, latencies, synthesis, culling_area, colour, bench
     msv2 study run results --only training      the tables of training, of the embedded scene and of posed/fern in MSV2_DATA;
                                                 it takes hours, but finished runs in build/train are not trained again
     msv2 study run results --only synthesis --unit splat_fetch    the row of one unit; the other rows stay
@@ -41,7 +41,7 @@ from msv2.studies.results.tables import PAGES, fill
 from msv2.studies.rtl_frame import AWAY, INSIDE, kept_frame
 from msv2.studies.rtl_frame import COMMAND as FRAME_COMMAND
 from msv2.studies.scenes import BENCH, EXACT, EXACT_LARGE, ORDER, SPEED, TRAINING, View, available, places
-from spec.config import PAPER, V3
+from spec.config import PAPER, V3, V3_PACKED, V3_STREAMS
 from spec.errors import InputError
 from spec.paths import REPORTS, ROOT
 
@@ -99,6 +99,15 @@ def measure_frames_v3() -> None:
     wanted += [(of, "--config", "v3", "--camera", inside) for of in (replace(EXACT[0], gaze=None), EXACT[0])]
     write_report(REPORTS / "frames_v3.json", {"rows": frame_rows(wanted)}, [__name__, FRAME_COMMAND], {"config": V3},
                  places((*EXACT, *EXACT_LARGE)))
+
+
+def measure_frames_streams() -> None:
+    """Writes reports/frames_streams.json: foveated frames on `v3` with packed frames, with four arrays, and with both."""
+    packed = ("--set", "packed=1", "--pixels", "packed")
+    wanted = [(view, "--config", name, *more) for name, more in (("v3", packed), ("v3_streams", ()), ("v3_streams", packed))
+              for view in EXACT]
+    write_report(REPORTS / "frames_streams.json", {"rows": frame_rows(wanted)}, [__name__, FRAME_COMMAND],
+                 {"config": V3_STREAMS, "packed": V3_PACKED}, places(EXACT))
 
 
 def measure_machine() -> None:
@@ -201,7 +210,8 @@ def _kept() -> list[str]:
 
 PARTS = {
     "accuracy": lambda: run("-m", "msv2.studies", "accuracy", *_kept()),
-    "frames": measure_frames, "frames_v3": measure_frames_v3, "machine": measure_machine,
+    "frames": measure_frames, "frames_v3": measure_frames_v3,
+    "frames_streams": measure_frames_streams, "machine": measure_machine,
     "sorting": lambda: run("-m", "msv2.studies", "sorting", *_kept()), "order": measure_order,
     "latencies": lambda: run("-m", "msv2.studies", "latencies", *_kept()),
     "synthesis": measure_synthesis, "culling_area": lambda: run("-m", "msv2.studies", "culling_area", *_kept()),
