@@ -96,12 +96,12 @@ def _camera(path: Path, entry: dict[str, Any]) -> Camera:
     if unknown:
         accepted = ", ".join((*Camera.__dataclass_fields__, GAZE))
         raise InputError(f"{path}: {sorted(unknown)[0]!r} is not an entry of a camera; accepted are {accepted}")
+    rotation, translation = _array(path, entry, "rotation", (3, 3)), _array(path, entry, "translation", (3,))
     width, height = (number_of(path, entry, key) for key in ("width", "height"))
     if not (width.is_integer() and height.is_integer()):
         raise InputError(f"{path}: frame size {width:g}x{height:g}; whole numbers from 1 on are accepted")
     camera = Camera(
-        rotation=_array(path, entry, "rotation", (3, 3)), translation=_array(path, entry, "translation", (3,)),
-        width=int(width), height=int(height), fx=number_of(path, entry, "fx"), fy=number_of(path, entry, "fy"),
+        rotation=rotation, translation=translation, width=int(width), height=int(height), fx=number_of(path, entry, "fx"), fy=number_of(path, entry, "fy"),
         near=number_of(path, entry, "near", Camera.near), cx=number_of(path, entry, "cx", width / 2),
         cy=number_of(path, entry, "cy", height / 2), name=str(entry.get("name", path.stem)))
     return checked(camera, str(path))
