@@ -101,7 +101,8 @@ def _camera(path: Path, entry: dict[str, Any]) -> Camera:
     if not (width.is_integer() and height.is_integer()):
         raise InputError(f"{path}: frame size {width:g}x{height:g}; whole numbers from 1 on are accepted")
     camera = Camera(
-        rotation=rotation, translation=translation, width=int(width), height=int(height), fx=number_of(path, entry, "fx"), fy=number_of(path, entry, "fy"),
+        rotation=rotation, translation=translation, width=int(width), height=int(height),
+        fx=number_of(path, entry, "fx"), fy=number_of(path, entry, "fy"),
         near=number_of(path, entry, "near", Camera.near), cx=number_of(path, entry, "cx", width / 2),
         cy=number_of(path, entry, "cy", height / 2), name=str(entry.get("name", path.stem)))
     return checked(camera, str(path))
