@@ -6,6 +6,7 @@
                                         runs are kept), and one frame more to time RTL and model in turn
     msv2 study run model --rtl lpddr3   the same for the frames of one memory; those of the other stay as they are
     msv2 study run model --rtl v3       the same for the frames of one configuration, in rows and alone, on both memories
+    msv2 study run model --rtl embedded,lpddr3    the same for the frames of one scene and one memory
 
 Real scenes are looked for in MSV2_DATA. Frames whose scene is missing are left out and named.
 """
@@ -162,20 +163,23 @@ def camera_options(options: Sequence[str]) -> list[str]:
     return [word for pair in found for word in pair]
 
 
-def lines_of(kinds: Sequence[str], config: str | None) -> list[str]:
-    """The frames to render on these kinds of memory; with `config`, those of this configuration alone."""
+def lines_of(kinds: Sequence[str], config: str | None = None, scene: str | None = None) -> list[str]:
+    """The frames to render on these kinds of memory; with `config` or `scene`, those of this configuration or scene alone."""
     lines = [line for kind in kinds for line in FRAMES[kind]]
-    return [line for line in lines if config is None or f"--config {config} " in f"{line} "]
+    return [line for line in lines if (config is None or f"--config {config} " in f"{line} ")
+            and (scene is None or line.split()[0] == scene)]
 
 
-def render_rtl(kinds: Sequence[str], config: str | None = None) -> None:
-    """Renders the frames of reports/model_rtl.json on these kinds of memory and, with `config`, of this configuration alone;
-    other rows stay as they are. With the ideal memory and all configurations, the speed of RTL and model is measured too."""
-    path, lines = REPORTS / "model_rtl.json", lines_of(kinds, config)
-    old = read_json(path) if path.is_file() and (config or set(kinds) != set(MEMORIES)) else None
+def render_rtl(kinds: Sequence[str], config: str | None = None, scene: str | None = None) -> None:
+    """Renders the frames of reports/model_rtl.json on these kinds of memory and, with `config` or `scene`, of this one alone;
+    other rows stay as they are. With all frames of the ideal memory, the speed of RTL and model is measured too."""
+    path, lines, part = REPORTS / "model_rtl.json", lines_of(kinds, config, scene), config or scene
+    old = read_json(path) if path.is_file() and (part or set(kinds) != set(MEMORIES)) else None
     rows = [row for row in (old or {"rows": []})["rows"]
-            if row.get("memory", IDEAL) not in kinds or (config and machine(row | {"machine": "full"}).name != config)]
-    speed = side_by_side() if IDEAL in kinds and not config else old and old["speed"]
+            if row.get("memory", IDEAL) not in kinds
+            or (config and machine(row | {"machine": "full"}).name != config)
+            or (scene and row["scene"] != scene)]
+    speed = side_by_side() if IDEAL in kinds and not part else old and old["speed"]
     for line in lines:
         found = rtl_rows(line)
         print(f"{line}: {', '.join(str(row['frame_cycles']) for row in found) or 'no such scene in MSV2_DATA'}", flush=True)
@@ -295,13 +299,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line; returns 1 where a frame's total misses the goal."""
     parser = command_parser("msv2 study run model", __doc__)
     configs = tuple(name for name in MACHINES if lines_of(MEMORIES, name))
-    accepted = (ALL, *MEMORIES, *configs)
+    scenes = tuple(dict.fromkeys(line.split()[0] for line in lines_of(MEMORIES)))
+    accepted = (ALL, *MEMORIES, *configs, *scenes)
     parser.add_argument("--rtl", nargs="?", const=ALL, metavar="|".join(accepted), help="render the frames of "
-                        "reports/model_rtl.json through the RTL first: all, those of one memory, or those of one configuration")
+                        "reports/model_rtl.json through the RTL first: all, or those of one memory, configuration or scene, "
+                        "or of several of these together, as in embedded,lpddr3")
     args = parser.parse_args(argv)
     if args.rtl is not None:
-        choice("rtl", args.rtl, accepted)
-        render_rtl((args.rtl,) if args.rtl in MEMORIES else MEMORIES, args.rtl if args.rtl in configs else None)
+        words = [choice("rtl", word, accepted) for word in args.rtl.split(",")]
+        render_rtl([word for word in words if word in MEMORIES] or MEMORIES,
+                   *(next((word for word in words if word in names), None) for names in (configs, scenes)))
     found, missing = frames()
     rows = []
     for row, trace, frame in model_rows(found, scene_argument):
