@@ -19,7 +19,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -35,13 +35,13 @@ from golden.scenes.orbit import orbit_camera
 from golden.scenes.request import make_folder
 from msv2.studies import record
 from msv2.studies.catalogue import BY_NAME
-from msv2.studies.destination import KEEP, keeping, tell
+from msv2.studies.destination import KEEP, keeping, newest, tell
 from msv2.studies.record import liberties, write_report
 from msv2.studies.results.tables import PAGES, fill
 from msv2.studies.rtl_frame import AWAY, INSIDE, kept_frame
 from msv2.studies.rtl_frame import COMMAND as FRAME_COMMAND
 from msv2.studies.scenes import BENCH, EXACT, EXACT_LARGE, ORDER, SPEED, TRAINING, View, available, places
-from spec.config import PAPER, V3, V3_PACKED, V3_STREAMS
+from spec.config import PAPER, V3, V3_PACKED, V3_STREAMS, AcceleratorConfig
 from spec.errors import InputError
 from spec.paths import REPORTS, ROOT
 
@@ -76,18 +76,30 @@ def run(*command: str) -> None:
         raise InputError(f"{' '.join(command)} failed")
 
 
-def measure_frames() -> None:
-    """Writes reports/frames.json: frames of every kind on the machine, with every bit compared."""
+def measure_frames(scene: str | None = None) -> None:
+    """Writes reports/frames.json: frames of every kind on the machine, with every bit compared; with `scene` those of one scene
+    alone, here and below: the other rows stay."""
     wanted = [(of, merge, pipeline) for view in EXACT for of in (replace(view, gaze=None), view)
               for merge in "10" for pipeline in "10"]
     wanted += [(of, "1", "1") for view in EXACT_LARGE for of in (replace(view, gaze=None), view)]
-    rows = frame_rows([(view, "--config", "paper", "--merge", merge, "--pipeline", pipeline)
-                       for view, merge, pipeline in wanted])
-    write_report(REPORTS / "frames.json", {"rows": rows}, [__name__, FRAME_COMMAND], {"config": PAPER},
-                 places((*EXACT, *EXACT_LARGE)))
+    _write_frames("frames", [(view, "--config", "paper", "--merge", merge, "--pipeline", pipeline)
+                             for view, merge, pipeline in wanted], {"config": PAPER}, (*EXACT, *EXACT_LARGE), scene)
 
 
-def measure_frames_v3() -> None:
+def _write_frames(
+    name: str, wanted: list[tuple], machines: Mapping[str, AcceleratorConfig], views: Sequence[View], scene: str | None,
+) -> None:
+    """Writes a report of frames in the order of `wanted`; with `scene`, new rows of this scene among the old ones of others."""
+    path = REPORTS / f"{name}.json"
+    rows = frame_rows([frame for frame in wanted if scene in (None, frame[0].scene)])
+    old = read_json(newest(path)) if scene else None
+    if old:
+        rows += [row for row in old["rows"] if row["scene"] != scene]
+        rows.sort(key=lambda row: [view.scene for view in views].index(row["scene"]))
+    write_report(path, {"rows": rows}, [__name__, FRAME_COMMAND], machines, places(views), earlier=old)
+
+
+def measure_frames_v3(scene: str | None = None) -> None:
     """Writes reports/frames_v3.json: the frames of reports/frames.json that have the pipeline on, and one with a camera inside
     the model, on the machine `v3`."""
     views = [of for view in (*EXACT, *EXACT_LARGE) for of in (replace(view, gaze=None), view)]
@@ -97,17 +109,15 @@ def measure_frames_v3() -> None:
     camera = orbit_camera(model, 0, 1, 128, 128)
     inside = _camera(INSIDE, replace(camera, translation=-camera.rotation @ np.median(model.means, axis=0)))
     wanted += [(of, "--config", "v3", "--camera", inside) for of in (replace(EXACT[0], gaze=None), EXACT[0])]
-    write_report(REPORTS / "frames_v3.json", {"rows": frame_rows(wanted)}, [__name__, FRAME_COMMAND], {"config": V3},
-                 places((*EXACT, *EXACT_LARGE)))
+    _write_frames("frames_v3", wanted, {"config": V3}, (*EXACT, *EXACT_LARGE), scene)
 
 
-def measure_frames_streams() -> None:
+def measure_frames_streams(scene: str | None = None) -> None:
     """Writes reports/frames_streams.json: foveated frames on `v3` with packed frames, with four arrays, and with both."""
     packed = ("--set", "packed=1", "--pixels", "packed")
     wanted = [(view, "--config", name, *more) for name, more in (("v3", packed), ("v3_streams", ()), ("v3_streams", packed))
               for view in EXACT]
-    write_report(REPORTS / "frames_streams.json", {"rows": frame_rows(wanted)}, [__name__, FRAME_COMMAND],
-                 {"config": V3_STREAMS, "packed": V3_PACKED}, places(EXACT))
+    _write_frames("frames_streams", wanted, {"config": V3_STREAMS, "packed": V3_PACKED}, EXACT, scene)
 
 
 def measure_machine() -> None:
@@ -219,6 +229,9 @@ PARTS = {
 }
 """The parts of everything, in this order."""
 
+OF_SCENES = {"frames": measure_frames, "frames_v3": measure_frames_v3, "frames_streams": measure_frames_streams}
+"""The parts that can be measured for one scene alone."""
+
 ON_REQUEST = {"training": measure_training}
 """The parts that take hours, which run on request only."""
 
@@ -229,11 +242,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", choices=[*PARTS, *ON_REQUEST], help="one part instead of all")
     parser.add_argument("--unit", choices=SYNTHESISED, action="append",
                         help="with --only synthesis, update only this row; may be given several times")
+    parser.add_argument("--scene", choices=sorted({view.scene for view in (*EXACT, *EXACT_LARGE)}),
+                        help="with --only frames, frames_v3 or frames_streams, update only the rows of this scene")
     parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where a page is stale")
     args = parser.parse_args(argv)
     if args.unit and args.only != "synthesis":
         raise InputError(f"--unit {args.unit[0]} is of --only synthesis, not of {args.only or 'everything'}")
-    if args.unit and not args.check:
+    if args.scene and args.only not in OF_SCENES:
+        raise InputError(f"--scene {args.scene} is of --only {', '.join(OF_SCENES)}, not of {args.only or 'everything'}")
+    if args.scene and not args.check:
+        OF_SCENES[args.only](args.scene)
+    elif args.unit and not args.check:
         measure_synthesis(args.unit)
     elif not args.check:
         REPORTS.mkdir(exist_ok=True)
