@@ -130,7 +130,7 @@ STUDIES = (
           (Report("--keep", ("frames.json",), 25, SCENES),), ("--only", "frames")),
     Study("frames_v3", "msv2.studies.results.study", "the same on the machine `v3`, also with a camera inside the model",
           (Report("--keep", ("frames_v3.json",), 25, SCENES),), ("--only", "frames_v3")),
-    Study("frames_streams", "msv2.studies.results.study", "the same on `v3` with packed frames, four arrays, and both",
+    Study("frames_streams", "msv2.studies.results.study", "the same on `v3` with four arrays and packed frames",
           (Report("--keep", ("frames_streams.json",), 20, SCENES),), ("--only", "frames_streams")),
     Study("gallery", "msv2.studies.gallery.study", "a frame of a scene in every way of drawing it, and the README's pictures",
           (Report("--keep", ("docs/gallery.md", *(f"docs/images/{name}" for name in (

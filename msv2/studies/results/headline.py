@@ -46,7 +46,7 @@ def _exactness(reports: Reports) -> Iterable[Row]:
     exact, pixels = sum(f["bit_exact"] for f in frames), sum(f["pixels_checked"] for f in frames)
     yield ("frames of the RTL equal to the golden renderer", "-", f"{exact} of {len(frames)}",
            f"every bit of {pixels:,} pixels, and every counter, on {machines}"
-           + (", some with packed frames or four arrays" if "frames_streams" in reports else ""))
+           + (", also with four arrays and packed frames" if "frames_streams" in reports else ""))
     worst = {records: worst_db(views, records) for records in BUDGETS_DB}
     yield ("integer golden renderer against float64", "-", f"{worst['wide']:.1f} dB or more; {worst['compact']:.1f} dB with "
            "compact records", f"the worst of {sum(row['records'] == 'wide' for row in views)} views; the budgets are "

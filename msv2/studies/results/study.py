@@ -41,7 +41,7 @@ from msv2.studies.results.tables import PAGES, fill
 from msv2.studies.rtl_frame import AWAY, INSIDE, kept_frame
 from msv2.studies.rtl_frame import COMMAND as FRAME_COMMAND
 from msv2.studies.scenes import BENCH, EXACT, EXACT_LARGE, ORDER, SPEED, TRAINING, View, available, places
-from spec.config import PAPER, V3, V3_PACKED, V3_STREAMS, AcceleratorConfig
+from spec.config import PAPER, V3, V3_STREAMS, AcceleratorConfig
 from spec.errors import InputError
 from spec.paths import REPORTS, ROOT
 
@@ -92,7 +92,7 @@ def _write_frames(
     """Writes a report of frames in the order of `wanted`; with `scene`, new rows of this scene among the old ones of others."""
     path = REPORTS / f"{name}.json"
     rows = frame_rows([frame for frame in wanted if scene in (None, frame[0].scene)])
-    old = read_json(newest(path)) if scene else None
+    old = read_json(newest(path)) if scene and newest(path).is_file() else None
     if old:
         rows += [row for row in old["rows"] if row["scene"] != scene]
         rows.sort(key=lambda row: [view.scene for view in views].index(row["scene"]))
@@ -113,11 +113,11 @@ def measure_frames_v3(scene: str | None = None) -> None:
 
 
 def measure_frames_streams(scene: str | None = None) -> None:
-    """Writes reports/frames_streams.json: foveated frames on `v3` with packed frames, with four arrays, and with both."""
-    packed = ("--set", "packed=1", "--pixels", "packed")
-    wanted = [(view, "--config", name, *more) for name, more in (("v3", packed), ("v3_streams", ()), ("v3_streams", packed))
-              for view in EXACT]
-    _write_frames("frames_streams", wanted, {"config": V3_STREAMS, "packed": V3_PACKED}, EXACT, scene)
+    """Writes reports/frames_streams.json: frames on `v3` with four arrays, packed."""
+    machine = V3_STREAMS.with_(packed=True)
+    wanted = [(of, "--config", V3_STREAMS.name, "--set", "packed=1", "--pixels", "packed")
+              for view in EXACT for of in (replace(view, gaze=None), view)]
+    _write_frames("frames_streams", wanted, {"config": machine}, EXACT, scene)
 
 
 def measure_machine() -> None:
