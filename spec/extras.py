@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 EXTRAS = {
-    "gsply": "models", "imagecodecs": "models", "pycolmap": "models", "matplotlib": "plots", "torch": "train",
-    "torchvision": "train", "warp": "cuda", "pyosys": "synth", "distributed": "cluster", "dask": "cluster", "viser": "viewer",
-    "lpips": "judge", "odak": "metrics", "mkdocs": "docs", "material": "docs", "mkdocstrings": "docs",
+    "gsply": "models", "imagecodecs": "models", "pycolmap": "models", "zstandard": "models", "matplotlib": "plots",
+    "torch": "train", "torchvision": "train", "warp": "cuda", "pyosys": "synth", "distributed": "cluster", "dask": "cluster",
+    "viser": "viewer", "lpips": "judge", "odak": "metrics", "mkdocs": "docs", "material": "docs", "mkdocstrings": "docs",
     "mkdocstrings_handlers": "docs", "pytest": "dev", "hypothesis": "dev", "apytypes": "dev", "ruff": "dev", "mypy": "dev",
     "cocotbext": "dev", "systemrdl": "dev",
 }

@@ -81,7 +81,7 @@ async def _frame(dut: object, ram: AxiRam, host: AxiLiteMaster, orders: dict, fr
     number, first, beats = frame["dump"]
     (folder / f"{number}.dump").write_bytes(ram.read(BEAT_BYTES * first, BEAT_BYTES * beats))
     return {"end": end, "cycles": cycles, "seconds": seconds, "cpu_seconds": cpu_seconds, "registers": registers,
-            "errors": 0, "reads": 0, "writes": 0, "busy": 0, "activates": 0, "refreshes": 0}
+            "errors": 0, "reads": 0, "writes": 0, "busy": 0, "activates": 0, "refreshes": 0, "idle_cycles": 0}
 
 
 async def _write(host: AxiLiteMaster, address: int, value: int) -> None:
