@@ -15,7 +15,7 @@ from typing import Any
 
 from spec.constants import ENTRY_BYTES, MAX_LEVELS, MAX_SH_DEGREE, SUPPORT_SIGMA, TILE
 from spec.formats import SQ, UQ, Fixed, SmallFloat
-from spec.number_formats import NumberFormats
+from spec.number_formats import NumberFormats as NumberFormats  # a part of the machine, which is imported from here
 
 ORDERS = ("file", "spatial")
 """Orders of a model's Gaussians in memory; `golden.host.order` makes the second."""
