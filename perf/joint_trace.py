@@ -16,10 +16,11 @@ import numpy as np
 from golden.kernels import work_clock
 from golden.msv2_ref import projection
 from golden.msv2_ref.joint import JointFrame
+from golden.msv2_ref.ranges import range_of
 from perf import geometry
 from perf.stops import stop_entries
 from perf.supertiles_gather import EMPTY, MISSES, SURVIVES
-from perf.supertiles_trace import SuperTrace, chunk_turns, touched_intersections
+from perf.supertiles_trace import SuperTrace, chunk_turns, step_arrays, touched_intersections
 from spec.chunks import PLACE_BITS
 from spec.constants import MAX_LEVELS, SUPER_X, SUPER_Y
 from spec.joint import EYES, grid_origins
@@ -83,15 +84,12 @@ def _steps(frame: JointFrame, order: np.ndarray) -> tuple[np.ndarray, np.ndarray
     low, high = np.full(total, tiles_x), np.full(total, -1)
     for eye, drawn in enumerate(frame.eyes):
         touched = touched_intersections(drawn)
-        row, column = np.divmod(np.repeat(np.arange(len(touched.start) - 1), np.diff(touched.start)), tiles_x)
+        row, column = np.divmod(range_of(touched.start), tiles_x)
         splat = touched.splat
         step = begin[splat] + (row - first[splat]) // SUPER_Y * each[splat] + rank[splat, eye]
         np.minimum.at(low, step, column // LEVEL_GROUP)
         np.maximum.at(high, step, column // LEVEL_GROUP)
-    closes = np.full(total + 1, geometry.NOT_LAST, np.uint8)
-    closes[begin[splats] + steps - 1], closes[-1] = geometry.CLOSES, geometry.ENDS
-    groups = np.maximum(high - low + 1, 1).astype(np.uint8)
-    return np.append(steps, 1).astype(np.int32), np.append(groups, 1).astype(np.uint8), np.append(step_pairs, 0), closes
+    return step_arrays(steps, high - low + 1, step_pairs)
 
 
 def _kinds(frame: JointFrame) -> np.ndarray:

@@ -19,6 +19,7 @@ from golden.kernels import work_clock
 from golden.msv2_ref import pipeline, projection, tile_test
 from golden.msv2_ref.frame_memory import display_pixels
 from golden.msv2_ref.frame_packing import display_bytes, pack_frame
+from golden.msv2_ref.ranges import range_of
 from golden.msv2_ref.supertiles import chunk_order
 from golden.scenes.files import atomic_output
 from golden.scenes.request import Request, resolve
@@ -162,7 +163,7 @@ class SuperTrace:
     @property
     def supertile(self) -> np.ndarray:
         """(pairs,) int64, the super-tile of each pair."""
-        return np.repeat(np.arange(self.supertiles), np.diff(self.start))
+        return range_of(self.start)
 
 
 def super_trace(
@@ -226,14 +227,27 @@ def _steps(frame: pipeline.Frame, order: np.ndarray) -> tuple[np.ndarray, np.nda
     step_pairs = np.bincount(begin[pairs.splat] + (ends - first[pairs.splat]) // SUPER_Y, minlength=total).astype(np.uint8)
     low, high = np.full(total, tiles_x), np.full(total, -1)
     touched = touched_intersections(frame)
-    row, column = np.divmod(np.repeat(np.arange(len(touched.start) - 1), np.diff(touched.start)), tiles_x)
+    row, column = np.divmod(range_of(touched.start), tiles_x)
     step = begin[touched.splat] + (row - first[touched.splat]) // SUPER_Y
     np.minimum.at(low, step, column // LEVEL_GROUP)
     np.maximum.at(high, step, column // LEVEL_GROUP)
-    closes = np.full(total + 1, geometry.NOT_LAST, np.uint8)
-    closes[begin[visible] + steps - 1], closes[-1] = geometry.CLOSES, geometry.ENDS
-    groups = np.maximum(high - low + 1, 1).astype(np.uint8)
-    return np.append(steps, 1).astype(np.int32), np.append(groups, 1).astype(np.uint8), np.append(step_pairs, 0), closes
+    return step_arrays(steps, high - low + 1, step_pairs)
+
+
+def step_arrays(
+    steps: np.ndarray, groups: np.ndarray, pairs: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """`splat_steps`, `step_groups`, `step_pairs` and `step_closes` of a trace, followed by the end of the frame.
+
+    Args:
+        steps: (splats,) the steps of each splat, which follow each other.
+        groups: (steps,) the groups of columns that each step looks at; at least one counts.
+        pairs: (steps,) uint8, the pairs that each step gives.
+    """
+    closes = np.full(len(groups) + 1, geometry.NOT_LAST, np.uint8)
+    closes[np.cumsum(steps) - 1], closes[-1] = geometry.CLOSES, geometry.ENDS
+    return (np.append(steps, 1).astype(np.int32), np.append(np.maximum(groups, 1), 1).astype(np.uint8), np.append(pairs, 0),
+            closes)
 
 
 def touched_intersections(frame: pipeline.Frame) -> tile_test.Intersections:

@@ -52,7 +52,7 @@ part of joint frames. The RTL has no joint frames yet: it renders two eyes on ma
 from __future__ import annotations
 
 from spec.config import AcceleratorConfig
-from spec.constants import MAX_LEVELS, SUPER_X, SUPER_Y
+from spec.constants import SUPER_X, SUPER_Y
 from spec.errors import InputError
 from spec.records import frame_lists
 
@@ -61,9 +61,6 @@ EYES = 2
 
 SHIFT_MOST = SUPER_X
 """Largest magnitude of `shift`, with which a frame has at most one column of super-tiles more than a frame of one eye."""
-
-PAIR_PLACES = EYES * MAX_LEVELS
-"""Most places of a pair."""
 
 
 def grid_origins(shift: int) -> tuple[int, int]:

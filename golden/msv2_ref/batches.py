@@ -9,16 +9,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from golden.msv2_ref.buckets import next_bounds, no_bounds
+from golden.msv2_ref.buckets import Bounds, next_bounds, no_bounds
 from golden.msv2_ref.fetch import find_misses
 from golden.msv2_ref.frame_memory import records_at
 from golden.msv2_ref.pipeline import Frame
+from golden.msv2_ref.ranges import range_of
 from golden.msv2_ref.supertiles import Pairs, SuperGrid, list_counts, merge_lists, super_grid
 from spec.chunks import PLACE_BITS
+from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS, SUPER_TILES, SUPER_X, SUPER_Y
 from spec.supertiles import HEADER_WAYS, SEQUENCE_BITS, batch_place, supertile, tile_visit, visit_entry
 
@@ -28,13 +30,14 @@ class Places(NamedTuple):
 
     Attributes:
         pair: (R,) int64, the place's pair.
-        level: (R,) uint8, its level.
+        eye, level: (R,) uint8, whose splat record it is, 0 but for the target of joint frames, and of which level.
         last: (R,) bool, whether it is the last place of its pair.
         batch: (R,) int64, the batch that it lies in.
         slot: (R,) int64, its number in the batch.
     """
 
     pair: np.ndarray
+    eye: np.ndarray
     level: np.ndarray
     last: np.ndarray
     batch: np.ndarray
@@ -115,48 +118,66 @@ def following(frame: Frame, before: Frame, beta: int | None) -> Frame:
     return replace(frame, bounds=bounds, groups=merge_lists(frame.config, list_counts(frame.pairs, bounds), beta))
 
 
-class FrameBatches:
-    """The batches of a frame: everything that follows from its pairs, computed when it is asked for.
+class _Pairs(Protocol):
+    """What the pairs of one eye and joint pairs have in common."""
+
+    @property
+    def start(self) -> np.ndarray: ...
+    @property
+    def splat(self) -> np.ndarray: ...
+    @property
+    def index(self) -> np.ndarray: ...
+
+
+class _Framed(Protocol):
+    """What a frame of one eye and a joint frame have in common."""
+
+    @property
+    def config(self) -> AcceleratorConfig: ...
+    @property
+    def bounds(self) -> Bounds: ...
+
+
+FrameT = TypeVar("FrameT", bound=_Framed)
+PairsT = TypeVar("PairsT", bound=_Pairs)
+
+
+class PairBatches(Generic[FrameT, PairsT]):
+    """The batches of a frame of one eye or of both: what follows from its pairs alone, computed when it is asked for.
 
     Attributes:
-        frame: a frame of a machine with super-tiles.
-        grid: how its tiles lie in super-tiles.
+        frame: the frame.
         pairs: its pairs.
-
-    Raises:
-        ValueError: the frame's machine has no super-tiles.
+        levels: (P, eyes) uint8, levels of each pair in each eye, one bit each.
     """
 
-    def __init__(self, frame: Frame) -> None:
-        if frame.pairs is None:
-            raise ValueError(f"frame must be one of a machine with super-tiles, not of {frame.config.name!r}")
-        self.frame = frame
-        self.grid: SuperGrid = super_grid(frame.registers)
-        self.pairs: Pairs = frame.pairs
+    def __init__(self, frame: FrameT, pairs: PairsT, levels: np.ndarray) -> None:
+        self.frame, self.pairs, self.levels = frame, pairs, levels
 
     @cached_property
     def place_counts(self) -> np.ndarray:
-        """(P,) int64: places of each pair."""
-        return (self.pairs.levels[:, None] >> np.arange(MAX_LEVELS) & 1).sum(axis=1)
+        """(P,) int64: places of each pair, of all eyes."""
+        return (self.levels[:, :, None] >> np.arange(MAX_LEVELS) & 1).sum(axis=(1, 2))
 
     @cached_property
     def batches(self) -> Batches:
         """The batches, in order."""
-        return cut_batches(self.pairs.start, self.place_counts, self.frame.config.batch_places)
+        most = self.levels.shape[1] * MAX_LEVELS
+        return cut_batches(self.pairs.start, self.place_counts, self.frame.config.batch_places, most)
 
     @cached_property
     def batch_of_pair(self) -> np.ndarray:
         """(P,) int64: the batch of each pair."""
-        return np.repeat(np.arange(len(self.batches.supertile)), np.diff(self.batches.start))
+        return range_of(self.batches.start)
 
     @cached_property
     def places(self) -> Places:
         """The places, in order."""
-        pair, level = np.nonzero(self.pairs.levels[:, None] >> np.arange(MAX_LEVELS) & 1)
+        pair, eye, level = np.nonzero(self.levels[:, :, None] >> np.arange(MAX_LEVELS) & 1)
         batch = self.batch_of_pair[pair]
         filled = np.bincount(batch, minlength=len(self.batches.supertile))
         slot = np.arange(len(pair)) - np.repeat(np.cumsum(filled) - filled, filled)
-        return Places(pair, level.astype(np.uint8), np.diff(pair, append=-1) != 0, batch, slot)
+        return Places(pair, eye.astype(np.uint8), level.astype(np.uint8), np.diff(pair, append=-1) != 0, batch, slot)
 
     @property
     def header_misses(self) -> int:
@@ -171,12 +192,34 @@ class FrameBatches:
         pairs, misses = len(self.pairs.splat), self.header_misses
         return {"pairs": pairs, "header_hits": pairs - misses, "header_misses": misses, "batches": len(self.batches.supertile)}
 
+    def statistics_with(self, visits: int) -> dict[str, int]:
+        """Counts of the frame for stats.json, with so many visits."""
+        return {**self.events, "supertiles": len(self.pairs.start) - 1, "places": len(self.places.pair), "visits": visits,
+                "lists": self.frame.bounds.lists}
+
+
+class FrameBatches(PairBatches[Frame, Pairs]):
+    """The batches of a frame of one eye: everything that follows from its pairs.
+
+    Attributes:
+        frame: a frame of a machine with super-tiles.
+        grid: how its tiles lie in super-tiles.
+        pairs: its pairs.
+
+    Raises:
+        ValueError: the frame's machine has no super-tiles.
+    """
+
+    def __init__(self, frame: Frame) -> None:
+        if frame.pairs is None:
+            raise ValueError(f"frame must be one of a machine with super-tiles, not of {frame.config.name!r}")
+        super().__init__(frame, frame.pairs, frame.pairs.levels[:, None])
+        self.grid: SuperGrid = super_grid(frame.registers)
+
     @property
     def statistics(self) -> dict[str, int]:
         """Counts of the frame for stats.json; visits are those of a machine that does not know when a tile stops."""
-        return {**self.events, "supertiles": len(self.grid.tile), "places": len(self.places.pair),
-                "visits": sum(len(self.stream_visits(q).tile) for q in range(self.frame.config.streams)),
-                "lists": self.frame.bounds.lists}
+        return self.statistics_with(sum(len(self.stream_visits(q).tile) for q in range(self.frame.config.streams)))
 
     @cached_property
     def visits(self) -> Visits:

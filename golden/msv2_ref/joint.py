@@ -15,6 +15,7 @@ from golden.msv2_ref import projection, sort
 from golden.msv2_ref.buckets import Bounds, check_bounds, no_bounds
 from golden.msv2_ref.chunk_test import read_chunks
 from golden.msv2_ref.pipeline import Frame, array_pixels, array_splats, check_request, found_intersections, render_frame
+from golden.msv2_ref.ranges import range_of
 from golden.msv2_ref.supertiles import SuperGrid, eye_pairs, index_words, list_counts, merge_lists, ranked_splats, super_grid
 from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveation
 from golden.scenes.model import GaussianModel
@@ -48,7 +49,7 @@ class JointPairs(NamedTuple):
     @property
     def supertile(self) -> np.ndarray:
         """(P,) int64, the super-tile of each pair."""
-        return np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
+        return range_of(self.start)
 
 
 @dataclass(frozen=True)

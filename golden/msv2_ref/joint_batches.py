@@ -3,40 +3,16 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from golden.msv2_ref.batches import Batches, cut_batches
-from golden.msv2_ref.fetch import find_misses
-from golden.msv2_ref.joint import JointFrame
-from golden.msv2_ref.pipeline import Frame
-from spec.chunks import PLACE_BITS
-from spec.constants import MAX_LEVELS, SUPER_TILES
-from spec.joint import EYES, PAIR_PLACES
-from spec.supertiles import HEADER_WAYS, SEQUENCE_BITS, tile_visit, visit_entry
-
-_LEVELS = np.arange(MAX_LEVELS)
-
-
-class JointPlaces(NamedTuple):
-    """The places of a joint frame's batches in the order in which they are filled.
-
-    Attributes:
-        pair: (R,) int64, the place's pair.
-        eye, level: (R,) uint8, whose splat record it is, and of which level.
-        last: (R,) bool, whether it is the last place of its pair.
-        batch: (R,) int64, the batch that it lies in.
-        slot: (R,) int64, its number in the batch.
-    """
-
-    pair: np.ndarray
-    eye: np.ndarray
-    level: np.ndarray
-    last: np.ndarray
-    batch: np.ndarray
-    slot: np.ndarray
+from golden.msv2_ref.batches import PairBatches
+from golden.msv2_ref.joint import JointFrame, JointPairs
+from golden.msv2_ref.ranges import range_of
+from spec.constants import SUPER_TILES
+from spec.joint import EYES
+from spec.supertiles import SEQUENCE_BITS, tile_visit, visit_entry
 
 
 class JointVisits(NamedTuple):
@@ -61,54 +37,21 @@ class JointVisits(NamedTuple):
     order: np.ndarray
 
 
-class JointBatches:
+class JointBatches(PairBatches[JointFrame, JointPairs]):
     """The batches of a joint frame: everything that follows from its pairs, computed when it is asked for.
 
     Attributes:
         frame: the frame.
+        pairs: its pairs.
     """
 
     def __init__(self, frame: JointFrame) -> None:
-        self.frame = frame
-
-    @cached_property
-    def place_counts(self) -> np.ndarray:
-        """(P, EYES) int64: places of each pair by eye."""
-        return (self.frame.pairs.levels[:, :, None] >> _LEVELS & 1).sum(axis=2)
-
-    @cached_property
-    def batches(self) -> Batches:
-        """The batches, in order."""
-        return cut_batches(self.frame.pairs.start, self.place_counts.sum(axis=1), self.frame.config.batch_places, PAIR_PLACES)
-
-    @cached_property
-    def batch_of_pair(self) -> np.ndarray:
-        """(P,) int64: the batch of each pair."""
-        return np.repeat(np.arange(len(self.batches.supertile)), np.diff(self.batches.start))
-
-    @cached_property
-    def places(self) -> JointPlaces:
-        """The places, in order."""
-        pair, eye, level = np.nonzero(self.frame.pairs.levels[:, :, None] >> _LEVELS & 1)
-        batch = self.batch_of_pair[pair]
-        filled = np.bincount(batch, minlength=len(self.batches.supertile))
-        slot = np.arange(len(pair)) - np.repeat(np.cumsum(filled) - filled, filled)
-        return JointPlaces(pair, eye.astype(np.uint8), level.astype(np.uint8), np.diff(pair, append=-1) != 0, batch, slot)
-
-    @property
-    def events(self) -> dict[str, int]:
-        """The machine's counts that only machines with super-tiles have, as far as the frame determines them."""
-        chunk, config = self.frame.pairs.index >> PLACE_BITS, self.frame.config
-        missed = find_misses(chunk, np.zeros_like(chunk), config.header_lines, HEADER_WAYS, keep_used=False, fold=False)
-        pairs, misses = len(chunk), int(missed.sum())
-        return {"pairs": pairs, "header_hits": pairs - misses, "header_misses": misses, "batches": len(self.batches.supertile)}
+        super().__init__(frame, frame.pairs, frame.pairs.levels)
 
     @property
     def statistics(self) -> dict[str, int]:
-        """Counts of the frame for stats.json."""
-        return {**self.events, "supertiles": len(self.frame.pairs.start) - 1, "places": len(self.places.pair),
-                "visits": sum(len(self.stream_visits(q).tile) for q in range(self.frame.config.streams)),
-                "lists": self.frame.bounds.lists}
+        """Counts of the frame for stats.json; visits are those of a machine that does not know when a tile stops."""
+        return self.statistics_with(sum(len(self.stream_visits(q).tile) for q in range(self.frame.config.streams)))
 
     def stream_visits(self, stream: int = 0) -> JointVisits:
         """The visits of a stream, in order, if no pixel stops."""
@@ -119,7 +62,7 @@ class JointBatches:
             here = np.arange(len(pair))
             if drawn.regions is not None:
                 here = np.flatnonzero(drawn.regions >> stream & 1)
-            tile = _tiles(drawn)[here]
+            tile = range_of(drawn.entries.start)[here]
             keys.append((self.batch_of_pair[pair[here]] * EYES + eye) * SUPER_TILES + grid.place[tile])
             rows.append(here)
             wanted[b.final, eye] = grid.inside[b.supertile[b.final]]
@@ -150,8 +93,3 @@ class JointBatches:
         for name in taken.dtype.names:
             entries[name][entries["end"] == 0] = taken[name][rows]
         return visits, entries
-
-
-def _tiles(frame: Frame) -> np.ndarray:
-    """(E,) int64: the tile of each of a frame's intersections."""
-    return np.repeat(np.arange(len(frame.entries.start) - 1), np.diff(frame.entries.start))

@@ -8,6 +8,7 @@ from golden.msv2_ref.batches import FrameBatches
 from golden.msv2_ref.frame_memory import splat_records
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.projection import OUTSIDE, VISIBLE, Projected
+from golden.msv2_ref.ranges import range_of
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from spec.saturations import POINTS, SATURATIONS, Saturation, limits
@@ -28,7 +29,7 @@ def transferred(frame: Frame, saturation: Saturation) -> np.ndarray:
         return getattr(frame.projected, saturation.field)[frame.projected.reason == VISIBLE]
     if frame.config.supertiles:  # one for each level of the tiles that a pair stands for
         return FrameBatches(frame).place_records[saturation.field]
-    tile = np.repeat(np.arange(len(frame.entries.start) - 1), np.diff(frame.entries.start))
+    tile = range_of(frame.entries.start)
     pairs = np.unique(np.stack([frame.entries.splat, frame.registers.header[tile, 0]], 1), axis=0)
     return splat_records(frame, MAX_LEVELS)[saturation.field][pairs[:, 0], pairs[:, 1]]
 

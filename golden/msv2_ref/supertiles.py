@@ -9,6 +9,7 @@ import numpy as np
 
 from golden.host.registers import FrameRegisters
 from golden.msv2_ref.buckets import Bounds, list_numbers
+from golden.msv2_ref.ranges import range_of
 from golden.msv2_ref.tile_merge import auto_beta, merge_tiles
 from golden.msv2_ref.tile_test import Intersections
 from spec.chunks import PLACE_BITS
@@ -64,7 +65,7 @@ class Pairs(NamedTuple):
     @property
     def supertile(self) -> np.ndarray:
         """(P,) int64, the super-tile of each pair."""
-        return np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
+        return range_of(self.start)
 
 
 def super_grid(registers: FrameRegisters, origin: int = 0, columns: int | None = None) -> SuperGrid:
