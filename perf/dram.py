@@ -218,33 +218,36 @@ def _command(s, now, channel):
 
 
 @step
+def _next_ready(answers, oldest, turn, clients, t):
+    """The client after `turn` whose oldest request has its answer by now, which is taken; -1 if there is none."""
+    client = turn
+    for _ in range(clients):
+        client = 0 if client + 1 == clients else client + 1
+        place = oldest[client] & 511
+        if answers[client, place] <= t:
+            answers[client, place] = _NEVER
+            return client
+    return -1
+
+
+@step
 def _answers(s, t):
     """Answers one read on R if the oldest read of some client is ready, and all writes that are in memory by now."""
-    client = s.dram_turn
-    for _ in range(READERS):
-        client = 0 if client + 1 == READERS else client + 1
-        place = s.reads[client] & 511
-        if s.dram_answer[client, place] <= t:
-            s.dram_answer[client, place] = _NEVER
-            bus.deliver(s, client, t)
-            s.dram_turn = client
-            break
+    client = _next_ready(s.dram_answer, s.reads, s.dram_turn, READERS, t)
+    if client >= 0:
+        bus.deliver(s, client, t)
+        s.dram_turn = client
     done = s.dram_written[t & _AHEAD - 1]
     if done:
         s.dram_written[t & _AHEAD - 1] = 0
         s.dram_unanswered += done
         s.write_out += done
     if s.dram_unanswered:
-        client = s.dram_write_turn
-        for _ in range(WRITERS):
-            client = 0 if client + 1 == WRITERS else client + 1
-            place = s.written[client] & 511
-            if s.dram_write_answer[client, place] <= t:
-                s.dram_write_answer[client, place] = _NEVER
-                s.dram_unanswered -= 1
-                bus.written(s, client, t)
-                s.dram_write_turn = client
-                break
+        client = _next_ready(s.dram_write_answer, s.written, s.dram_write_turn, WRITERS, t)
+        if client >= 0:
+            s.dram_unanswered -= 1
+            bus.written(s, client, t)
+            s.dram_write_turn = client
 
 
 @step

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from PIL import Image
 
+from golden.scenes.dataset import UNREADABLE
 from golden.scenes.files import is_file, read_bytes
 from spec.errors import InputError
 
@@ -24,6 +25,9 @@ EXPANSION, FLOOR = 100, 64 << 20
 
 VARIABLE = "MSV2_EXPANSION"
 """The environment variable that replaces EXPANSION."""
+
+_BROKEN_ZIP = (zipfile.BadZipFile, zlib.error, OSError, EOFError, NotImplementedError, RuntimeError)
+"""What zipfile raises on bundles that it cannot read; the last two for a compression that it lacks, and for encryption."""
 
 _STEP = 1 << 20
 _ZSTD_HEADER = 18  # bytes of the longest header of a zstd frame
@@ -100,30 +104,30 @@ def check_sog(path: Path) -> None:
     """
     folder = path if path.is_dir() else path.parent if path.name == "meta.json" else None
     if folder is not None:
-        images = {image.name: read_bytes(image) for image in sorted(folder.glob("*.webp")) if is_file(image)}
-        packed = sum(map(len, images.values()))
+        parts = [read_bytes(part) for part in sorted(folder.iterdir()) if is_file(part) and part.stat().st_size]
+        packed = sum(map(len, parts))
     else:
         packed = len(read_bytes(path))
-        images = _members(path, packed)
-    check_expansion(path, packed, sum(_decoded(image) for image in images.values()))
+        parts = _members(path, packed)
+    check_expansion(path, packed, sum(_decoded(part) for part in parts))
 
 
-def _members(path: Path, packed: int) -> dict[str, bytes]:
-    """The images of a bundle, after a look at what all its members announce."""
+def _members(path: Path, packed: int) -> list[bytes]:
+    """The members of a bundle, after a look at what all of them announce."""
     try:
         with zipfile.ZipFile(path) as bundle:
             check_expansion(path, packed, sum(member.file_size for member in bundle.infolist()))
-            return {name: bundle.read(name) for name in bundle.namelist() if name.endswith(".webp")}
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, NotImplementedError, RuntimeError) as error:
+            return [bundle.read(name) for name in bundle.namelist()]
+    except _BROKEN_ZIP as error:
         raise InputError(f"{path}: is not a whole SOG bundle ({error})") from error
 
 
-def _decoded(image: bytes) -> int:
-    """Bytes of an image's pixels as RGBA; 0 for one that is broken, which its reader will say."""
+def _decoded(part: bytes) -> int:
+    """Bytes of an image's pixels as RGBA; 0 for what is no image or a broken one, which its reader will say."""
     try:
-        with Image.open(io.BytesIO(image)) as header:
+        with Image.open(io.BytesIO(part)) as header:
             return 4 * header.width * header.height
     except Image.DecompressionBombError:
         return 1 << 62
-    except (OSError, SyntaxError, ValueError):
+    except (*UNREADABLE, struct.error):
         return 0

@@ -29,10 +29,7 @@ from spec.paths import REPORTS
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser("msv2 study run two_eyes", __doc__)
-    parser.add_argument("scene", nargs="*", metavar="SCENE",
-                        help="'embedded', a model file or a scene of MSV2_DATA (default: all four scenes)")
-    parser.add_argument("--size", action="append", default=[], metavar="WxH",
-                        help=f"size of the frames; can be repeated (default: {', '.join(frames.SIZES)})")
+    frames.add_subjects(parser)
     parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",
                         help="output folder (default: build/reports; --keep: reports)")
     return parser.parse_args(argv)
@@ -44,9 +41,7 @@ def measured(args: argparse.Namespace) -> dict[str, Any]:
     Raises:
         InputError: a scene that the command line names is missing.
     """
-    scenes = tuple(args.scene) or frames.SCENES
-    missing = [] if args.scene else [name for name in scenes if name != EMBEDDED and scene_file(name) is None]
-    todo = frames.subjects(tuple(name for name in scenes if name not in missing), tuple(args.size) or frames.SIZES)
+    todo, missing = frames.chosen(args)
     rows, paper, shifts, quality = [], [], [], []
     progress = Progress("two_eyes", [subject.name for subject in todo])
     for subject in todo:

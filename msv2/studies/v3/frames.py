@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import dataclass
 
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import parse_size
 from msv2.studies.energy.frame import Table, frame_energy, model_counts
 from msv2.studies.memory import IDEAL, LPDDR3, memory_arguments
-from msv2.studies.performance.frames import request
+from msv2.studies.performance.frames import request, scene_file
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.trace import FrameTrace, trace_request
 from spec.config import PAPER, V3_RECORDS, AcceleratorConfig
@@ -47,6 +48,22 @@ class Subject:
 def subjects(scenes: tuple[str, ...] = SCENES, sizes: tuple[str, ...] = SIZES) -> list[Subject]:
     """All frames, the small ones first."""
     return [Subject(scene, size) for size in sizes for scene in scenes]
+
+
+def add_subjects(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments that choose the frames of a study, which `chosen` reads."""
+    parser.add_argument("scene", nargs="*", metavar="SCENE",
+                        help="'embedded', a model file or a scene of MSV2_DATA (default: all four scenes)")
+    parser.add_argument("--size", action="append", default=[], metavar="WxH",
+                        help=f"size of the frames; can be repeated (default: {', '.join(SIZES)})")
+
+
+def chosen(args: argparse.Namespace) -> tuple[list[Subject], list[str]]:
+    """The frames that a command line asks for, and the scenes that are not here. A scene that it names is never missing: its
+    first use refuses it."""
+    scenes = tuple(args.scene) or SCENES
+    missing = [] if args.scene else [name for name in scenes if name != EMBEDDED and scene_file(name) is None]
+    return subjects(tuple(name for name in scenes if name not in missing), tuple(args.size) or SIZES), missing
 
 
 def traced(subject: Subject, config: AcceleratorConfig) -> FrameTrace:

@@ -39,10 +39,7 @@ SUPERTILES = {V3: (V3, V3_PACKED), V3_STREAMS: (supertiles.STREAMS_PACKED,)}
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser("msv2 study run v3", __doc__)
-    parser.add_argument("scene", nargs="*", metavar="SCENE",
-                        help="'embedded', a model file or a scene of MSV2_DATA (default: all four scenes)")
-    parser.add_argument("--size", action="append", default=[], metavar="WxH",
-                        help=f"size of the frames; can be repeated (default: {', '.join(frames.SIZES)})")
+    frames.add_subjects(parser)
     parser.add_argument("--orders", default="1", choices=("0", "1"),
                         help="compare the orders of the model, on the frames of the first size (default: 1)")
     parser.add_argument("--photographs", default="1", choices=("0", "1"), help="measure against photographs (default: 1)")
@@ -59,9 +56,7 @@ def measure(args: argparse.Namespace, old: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         InputError: a scene that the command line names is missing.
     """
-    scenes = tuple(args.scene) or frames.SCENES
-    missing = [] if args.scene else [name for name in scenes if name != EMBEDDED and scene_file(name) is None]
-    todo = frames.subjects(tuple(name for name in scenes if name not in missing), tuple(args.size) or frames.SIZES)
+    todo, missing = frames.chosen(args)
     runs, missing_runs = photographs.runs_here() if args.photographs == "1" else ({}, [])
     ordered = [subject for subject in todo if subject.size == todo[0].size] if args.orders == "1" else []
     moving = supertiles.captured(todo) if args.turns == "1" else []
