@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -102,24 +103,16 @@ def simulate_supertiles(
         memory = LastingMemory(memory or MemoryModel(LPDDR3))
     if pipeline is not None:
         config = config.with_(incremental=pipeline)
-    if trace.streams != config.streams:
-        raise ValueError(f"trace must be one of a machine with {config.streams} streams, not {trace.streams!r}")
-    if trace.sh_degree > config.sh_degree:
-        raise ValueError(f"config must be a machine of SH degree {trace.sh_degree}, not {config.sh_degree!r}")
-    if packed and not config.packed:
-        raise ValueError(f"config must be a machine that packs frames, not {config.name!r}")
-    if packed and trace.eyes > 1:
-        raise ValueError(f"trace must be one of a single eye where frames are packed, not of {trace.eyes!r}")
+    check_trace(trace, config, packed)
     beta, begin = beta if merge else 0, work_clock()
     plan = super_plan(trace, config, steady_bounds(trace, config) if bounds is None else bounds, beta, display or packed)
     tiles = trace.eyes * trace.eye_tiles
     memory.wait(trace.eyes * trace.tiles_y + 1)
     table = table_cycles(memory, tiles, plan.where.tiles, SUPERTILE_READ_DEPTHS)
     binned, counted = _bin(trace, config, memory, plan)
-    latency = _TMU_LATENCY + (COUNT_BITS + frame_lists(config).bit_length() + 1 if beta is None else 0)
     drawn, events = _render(
         trace, config, memory, PACKED if packed else int(display), shared_colour, plan,
-        max(0, counted - 1 + latency - binned.cycles))
+        max(0, counted - 1 + merge_latency(config, beta) - binned.cycles))
     phases = {"clear": trace.tiles_y + 1, "table": table, "geometry": binned.cycles, "render": drawn.cycles}
     total, both = sum(phases.values()), (binned, drawn)
     reads, writes = sum(p.reads for p in both), sum(p.writes for p in both)
@@ -142,6 +135,24 @@ def simulate_supertiles(
         overflow=plan.lists.overflow(config.sort_chunk))
 
 
+def check_trace(trace: SuperTrace, config: AcceleratorConfig, packed: bool) -> None:
+    """Raises ValueError where the machine has other streams or a lower SH degree than the frame's trace, or cannot pack the
+    frame though it should."""
+    if trace.streams != config.streams:
+        raise ValueError(f"trace must be one of a machine with {config.streams} streams, not {trace.streams!r}")
+    if trace.sh_degree > config.sh_degree:
+        raise ValueError(f"config must be a machine of SH degree {trace.sh_degree}, not {config.sh_degree!r}")
+    if packed and not config.packed:
+        raise ValueError(f"config must be a machine that packs frames, not {config.name!r}")
+    if packed and trace.eyes > 1:
+        raise ValueError(f"trace must be one of a single eye where frames are packed, not of {trace.eyes!r}")
+
+
+def merge_latency(config: AcceleratorConfig, beta: int | None) -> int:
+    """Cycles from the frame's last pair to the first group, with a merge threshold or, with None, the automatic one."""
+    return _TMU_LATENCY + (COUNT_BITS + frame_lists(config).bit_length() + 1 if beta is None else 0)
+
+
 def _bytes(beats: np.ndarray, names: tuple[str, ...], clients: tuple[str, ...]) -> dict[str, int]:
     """Bytes by client of a machine."""
     return {name: BEAT_BYTES * int(beats[names.index(name)]) for name in clients}
@@ -156,17 +167,22 @@ def _bin(trace: SuperTrace, config: AcceleratorConfig, memory: LastingMemory, pl
     """Simulates the first phase. Returns it with the cycle in which its last pair was in memory."""
     s = memory.begin(supertiles_bin.layout, SUPERTILE_READ_DEPTHS)
     s.path_shift = memory.age
+    cycles = supertiles_bin.bin_phase(s, bin_arguments(s, trace, config, plan), LIMIT)
+    return _results(s, memory.end(finished("GEOMETRY", cycles)), BIN_STAGES), int(s.counted)
+
+
+def bin_arguments(s: np.record, trace: SuperTrace, config: AcceleratorConfig, plan: SuperPlan) -> tuple[np.ndarray | int, ...]:
+    """Initialises a state of the first phase. Returns the arguments of `bin_phase` between the state and the limit."""
     paths = _set_paths(s, config)
     arrays = chunk_units.prepare(s, trace.chunk_count, trace.chunk_read, config, paths, trace.eyes)
     s.two_eyes = trace.eyes - 1
     s.list_count = len(plan.lists.counts)
     writes, where = plan.lists.writes, plan.where
     classes = trace.point_class
-    cycles, counted = supertiles_bin.bin_phase(
-        s, classes, classes[classes != geometry.NEAR_CULLED], trace.splat_steps, trace.step_groups, trace.step_pairs,
-        trace.step_closes, plan.lists.pair_writes, np.where(writes < 0, where.directory - 1 - writes, where.entries + writes),
-        plan.lists.flushed, where.chunks, where.geometry, *arrays, LIMIT)
-    return _results(s, memory.end(finished("GEOMETRY", cycles)), BIN_STAGES), int(counted)
+    return (classes, classes[classes != geometry.NEAR_CULLED], trace.splat_steps, trace.step_groups, trace.step_pairs,
+            trace.step_closes, plan.lists.pair_writes,
+            np.where(writes < 0, where.directory - 1 - writes, where.entries + writes), plan.lists.flushed, where.chunks,
+            where.geometry, *arrays)
 
 
 def _set_paths(s: np.record, config: AcceleratorConfig) -> constants.Culling:
@@ -225,10 +241,27 @@ def _render(
 ) -> tuple[_Pass, dict[str, int]]:
     """Simulates the second phase; `pixels` is 0 for whole pixels, 1 for those of displays, or PACKED. Returns it with counted
     events."""
-    line, sorting, lists, visits, where = (
-        config.line_buffer_bytes // ENTRY_BYTES, plan.sorting, plan.lists, plan.visits, plan.where)
     s = memory.begin(supertiles_render.layout, SUPERTILE_READ_DEPTHS)
     s.path_shift = memory.age
+    streams, *arguments = render_arguments(s, trace, config, pixels, shared_colour, plan, sweep_from)
+    cycles = supertiles_render.render_phase(s, streams, tuple(arguments), LIMIT)
+    return _results(s, memory.end(finished("RENDER", cycles)), RENDER_STAGES), drawn_events(s, streams)
+
+
+def drawn_events(s: np.record, streams: np.recarray) -> dict[str, int]:
+    """The events of a second phase, counted."""
+    return {"ops": int(s.ops), "skipped": int(s.skipped), "fetch_misses": int(s.header_misses),
+            "visits": int(streams.visits_taken.sum())}
+
+
+def render_arguments(
+    s: np.record, trace: SuperTrace, config: AcceleratorConfig, pixels: int, shared_colour: bool, plan: SuperPlan,
+    sweep_from: int,
+) -> tuple[Any, ...]:
+    """Initialises a state of the second phase. Returns the arguments of `render_phase` between the state and the limit, of
+    which the first are the states of the streams."""
+    line, sorting, lists, visits, where = (
+        config.line_buffer_bytes // ENTRY_BYTES, plan.sorting, plan.lists, plan.visits, plan.where)
     s.line_size, s.line_mask = line, (1 << (line - 1).bit_length()) - 1
     s.tile_count, s.sweep_from = len(lists.counts), sweep_from
     s.pointer_room, s.entries_base, s.directory_base = LIST_POINTERS, where.entries, where.directory
@@ -249,8 +282,8 @@ def _render(
     stop = np.where(trace.stop < 0, 1 << 40, trace.stop.astype(np.int64))
     blend = trace.blend & (config.level_banks == 2)
     tile_times = np.full((2, len(visits.drawn) + 1), -1, np.int64)
-    cycles = supertiles_render.render_phase(
-        s, streams, config.merge_ways, lists.counts, sorting.lasts, lists.ends, lists.page_beat, lists.page_start,
+    return (
+        streams, config.merge_ways, lists.counts, sorting.lasts, lists.ends, lists.page_beat, lists.page_start,
         sorting.group_end, sorting.chunk_length, sorting.chunk_spill, sorting.chunk_last, sorting.chunk_ends, sorting.arrival,
         merging, keys, sorting.part_runs, sorting.job_start, sorting.job_length, sorting.job_entries, sorting.job_out,
         sorting.job_waits, sorting.way_of, sorting.job_begin, sorting.job_goal, np.append(plan.missed, 0),
@@ -259,7 +292,4 @@ def _render(
         visits.batch_supertile, visits.batch_places, visits.batch_visit, visits.visit_tile, visits.visit_final,
         visits.visit_entry, visits.visit_seen, visits.use, visits.slot, stop, blend, visits.drawn,
         trace.blocks, np.full((trace.streams, len(trace.counts)), bus.NEVER, np.int64),
-        np.zeros((trace.streams, len(trace.counts)), np.int64), tile_times, LIMIT)
-    events = {"ops": int(s.ops), "skipped": int(s.skipped), "fetch_misses": int(s.header_misses),
-              "visits": int(streams.visits_taken.sum())}
-    return _results(s, memory.end(finished("RENDER", cycles)), RENDER_STAGES), events
+        np.zeros((trace.streams, len(trace.counts)), np.int64), tile_times)
