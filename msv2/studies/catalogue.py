@@ -146,6 +146,8 @@ STUDIES = (
            Report("--rtl --keep", ("model_rtl.json",), 50, SCENES))),
     Study("order", "msv2.studies.results.study", "how far the machine's order of splats is from the exact one",
           (Report("--keep", ("order.json",), 3, SCENES),), ("--only", "order")),
+    Study("overlap", "msv2.studies.overlap.study", "frames in a row whose phases overlap: cycles",
+          (Report("--keep", _files("overlap", "json", "md"), 10, SCENES),)),
     Study("packed_frames", "msv2.studies.packed_frames.study", "bytes of packed frames over those of unpacked ones",
           (Report("--keep", _files("packed_frames", "json", "md"), 2, SCENES),)),
     Study("performance", "msv2.studies.performance.study", "machines on the same frames, a GPU's roofline too",

@@ -21,6 +21,7 @@ from golden.scenes.files import read_json
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import make_folder, parse_size
 from msv2.studies.energy.table import TABLE, load_table
+from msv2.studies.overlap import page as overlap_page
 from msv2.studies.page import write_page
 from msv2.studies.performance.frames import scene_file
 from msv2.studies.progress import Progress
@@ -31,7 +32,7 @@ from spec.command_line import command_parser
 from spec.config import V3, V3_PACKED, V3_STREAMS
 from spec.paths import REPORTS
 
-REPORT, EYES = REPORTS / "v3.json", REPORTS / "two_eyes.json"
+REPORT, EYES, OVERLAP = (REPORTS / f"{name}.json" for name in ("v3", "two_eyes", "overlap"))
 
 SUPERTILES = {V3: (V3, V3_PACKED), V3_STREAMS: (supertiles.STREAMS_PACKED,)}
 """The machines with lists by super-tile, by the one whose traces they take."""
@@ -87,13 +88,20 @@ def measure(args: argparse.Namespace, old: Mapping[str, Any]) -> dict[str, Any]:
         "clock_hz": frames.CLOCK_HZ, "missing": missing,
         "missing_runs": [scene for scene in missing_runs if scene not in {row["scene"] for row in photo_rows}],
         "ordered": [subject.name for subject in ordered], "goals": summary.goals(rows, photo_rows, overflow),
-        "steps": summary.steps(rows, photo_rows, overflow, _eyes()), "frames": rows, "photographs": photo_rows,
+        "steps": summary.steps(rows, photo_rows, overflow, _summary_of(EYES)) | _overlap_step(), "frames": rows,
+        "photographs": photo_rows,
         "orders": summary.order_means(order_rows), "order_frames": order_rows}
 
 
-def _eyes() -> Mapping[str, Any]:
-    """The summary of the report of joint frames; empty without it."""
-    return read_json(EYES)["summary"] if EYES.is_file() else {}
+def _summary_of(report: Path) -> Mapping[str, Any]:
+    """The summary of another report; empty without it."""
+    return read_json(report)["summary"] if report.is_file() else {}
+
+
+def _overlap_step() -> dict[str, Any]:
+    """The step of overlapped phases, from their report, if that is there."""
+    found = _summary_of(OVERLAP)
+    return {"overlap": overlap_page.steps(found, supertiles.STREAMS_PACKED.name, summary.FOUR_ARRAYS)} if found else {}
 
 
 def _kept(old: Mapping[str, Any], scenes: Sequence[str]) -> list[Mapping[str, Any]]:
@@ -112,7 +120,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     scenes = [scene_file(scene) for scene in args.scene or frames.SCENES if scene != EMBEDDED]
     machines = frames.MACHINES | {config.name: config for configs in SUPERTILES.values() for config in configs}
     write_report(out / "v3.json", content, [__name__], {"arguments": args, "machines": machines},
-                 [TABLE, EYES, *filter(None, scenes), *(run / "model.ply" for run in photographs.runs_here()[0].values())],
+                 [TABLE, EYES, OVERLAP, *filter(None, scenes),
+                  *(run / "model.ply" for run in photographs.runs_here()[0].values())],
                  earlier=old if _kept(old, photographs.runs_here()[1]) else None)
     write_page(out / "v3.md", page(content))
     for goal in content["goals"]:

@@ -99,9 +99,9 @@ def _words(scene: str) -> GaussianWords:
     return quantise_model(V3, resolve(request(scene, "640x360")).model)
 
 
-def overflow_rows(subject: Subject) -> list[dict[str, object]]:
-    """How many pairs of a frame lie in lists that the sorter cannot hold at once: after a turn of each of TURNS, with the
-    bounds that the frame before left; and after a cut, without any. With four levels and without foveation.
+def overflow_rows(subject: Subject, turns: tuple[float, ...] = TURNS) -> list[dict[str, object]]:
+    """How many pairs of a frame lie in lists that the sorter cannot hold at once: after a turn by each of so many degrees, with
+    the bounds that the frame before the turn left; and after a cut, without any. With four levels and without foveation.
 
     Raises:
         InputError: the scene is missing.
@@ -113,7 +113,7 @@ def overflow_rows(subject: Subject) -> list[dict[str, object]]:
         view = _View(_words(subject.scene), asked, foveation)
         pairs = view.pairs(asked.camera)
         supertiles = len(pairs.start) - 1
-        for degrees in (*TURNS, None):
+        for degrees in (*turns, None):
             bounds = no_bounds(supertiles)
             if degrees is not None:
                 before = view.pairs(turned(asked.camera, degrees, STEP))
