@@ -54,7 +54,8 @@ def page(content: Mapping[str, Any]) -> str:
             "over_turns", "over_turns_two", "gain", "two_eyes_gain", "second_eye_share")))
         for machine in MACHINES for memory in MEMORY_NAMES], 2)
     parts = [
-        "# Overlapped phases", "Written by `msv2 study run overlap`; `perf/overlap.py` says what the phases share.\n\nThe first "
+        "# Overlapped phases",
+        "Written by `msv2 study run overlap`; `perf/overlap.py` says what the phases share.\n\nThe first "
         "phase of frame n + 1 runs beside the second phase of frame n. **No RTL does this**: its phases take turns, and these "
         "are numbers of the cycle model alone. They leave out the area of what such a machine has twice: level table, list "
         "heads, bounds, and counters and settings of a frame. The frames are those of reports/v3.md, of a camera that stands "
