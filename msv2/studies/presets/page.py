@@ -47,9 +47,9 @@ def page(content: Mapping[str, Any]) -> str:
         "within each loss counts. The loss is that of PSNR against the photographs of the embedded scene; for other scenes "
         "photographs are assumed from which the exact frame is 30 dB away ([docs/tradeoff.md](../docs/tradeoff.md)). On `v3` a "
         "compact record has all harmonics of degree 1 to 3 in one beat, so only degree 0, which needs no such beat, saves "
-        "time, and word lengths save none. *Averaged* base colours are what the model's own pictures show of each point on average; "
-        "*% of the work* leaves out the points that contribute least to these pictures for each intersection that they cost. "
-        "Both are done by the host."
+        "time, and word lengths save none. *Averaged* base colours are what the model's own pictures show of each point on "
+        "average; *% of the work* leaves out the points that contribute least to these pictures for each intersection. Both "
+        "are the host's doing."
         + (f" Missing: {', '.join(content['missing'])}." if content["missing"] else ""),
         "## Goals", table(("goal", "wanted", "found", "by", "reached"), (
             (goal["goal"], f"≥ {goal['wanted']:g}", f"{goal['found']:.3f}", goal["choice"],

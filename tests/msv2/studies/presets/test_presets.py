@@ -27,7 +27,7 @@ def test_the_fastest_choice_within_each_loss_counts():
 
 @pytest.fixture(scope="module")
 def model():
-    return random_model(np.random.default_rng(5), 300, levels=1, sh_degree=3)
+    return random_model(np.random.default_rng(5), 300, levels=1, sh=3)
 
 
 def test_points_that_contribute_least_for_their_work_go_first(model):
