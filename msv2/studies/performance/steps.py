@@ -58,12 +58,11 @@ def _trace(frame: Compared, config: AcceleratorConfig) -> Trace:
 
 def run_step(frame: Compared, step: Step, memory: str) -> Run:
     """A frame of one eye on a machine of STEPS. With super-tiles, the bounds of its lists are those that the same frame leaves:
-    the camera stands still. A frame is packed where the machine can; the energy of packing is not in the numbers. A lower bound
-    on the cycles is not known."""
+    the camera stands still. A frame is packed where the machine can. A lower bound on the cycles is not known."""
     config, trace = step.config, _trace(frame, step.config)
     cycles = simulate(trace, config, memory=MemoryModel(**memory_arguments(memory)), merge=step.merge, display=True,
                       packed=config.packed)
-    energy = modelled_energy(trace, cycles, config.with_(packed=False), energies(), clock_hz=CLOCK_HZ)
+    energy = modelled_energy(trace, cycles, config, energies(), clock_hz=CLOCK_HZ)
     render = cycles.phases["render"]
     return Run(
         step.name, memory, PEAK[memory], 1, cycles.total, cycles.phases["geometry"], render, CLOCK_HZ / cycles.total, CLOCK_HZ,

@@ -92,8 +92,8 @@ def _packed(content: Mapping[str, Any]) -> str:
     head = ("frame", *(f"{MEMORY_NAMES[memory]} cycles" for memory in MEMORIES), "bytes", "share of the frame")
     lines.append(("geometric mean", *(f"{over[key]:.3f}" for key in ("lpddr3_gain", "ideal_gain", "bytes_gain")), ""))
     return "\n\n".join((
-        "## Packed frames", f"`{V3_PACKED.name}`, which packs frames for displays, over `{V3.name}`; the energy of packing is "
-        "not measured.", table(head, lines, left=1)))
+        "## Packed frames", f"`{V3_PACKED.name}`, which packs frames for displays, over `{V3.name}`.",
+        table(head, lines, left=1)))
 
 
 def _streams(content: Mapping[str, Any]) -> str:

@@ -19,7 +19,10 @@ def test_the_fastest_choice_within_each_loss_counts():
     rows = [row("exact", 100.0, 0.0), row("degree 0", 70.0, 0.09), row("support radius 2", 10.0, 0.0), row("less", 50.0, 0.4),
             row("too much", 20.0, 0.6)]
     found = {goal["goal"]: (goal["choice"], goal["reached"]) for goal in page.goals(rows)}
-    assert found == {"a: balanced, 0.1 dB": ("degree 0", True), "a: fast, 0.5 dB": ("less", True)}
+    assert found == {"a: balanced, 0.1 dB": ("degree 0", True), "a: fast, 0.5 dB": ("less", True),
+                     "geometric mean: balanced, 0.1 dB": ("as above", True), "geometric mean: fast, 0.5 dB": ("as above", True)}
+    both = [*rows, *(r | {"scene": "b", "cycles": 100.0} for r in rows)]
+    assert page.goals(both)[-1]["found"] == pytest.approx(2**0.5) and not page.goals(both)[-1]["reached"]
     assert [r["choice"] for r in page.frontier(rows)] == ["support radius 2"]
     slower = [r | {"cycles": 90.0} if r["choice"] == "degree 0" else r for r in rows]
     assert not page.goals(slower)[0]["reached"]
