@@ -77,8 +77,8 @@ def _scene(rows: Sequence[Row]) -> str:
     head = ("choice", "points", f"PSNR against exact `{V3.name}`, dB", "loss, dB", *heads, "speed, LPDDR3", "speed, ideal")
     return table(head, cells, left=1) + (
         "\n\nBold: on the frontier of cycles with LPDDR3 and loss. Another support radius breaks hard cases by definition, and "
-        "degree 0 breaks the one whose base colour is negative without harmonics ([reports/tradeoff.md](tradeoff.md)). All presets have other "
-        "formats; with these, the order of equal depths changes some cycles.")
+        "degree 0 breaks the one whose base colour is negative without harmonics ([reports/tradeoff.md](tradeoff.md)). "
+        "All presets have other formats; with these, the order of equal depths changes some cycles.")
 
 
 def _foveated(rows: Sequence[Row]) -> str:
