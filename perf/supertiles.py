@@ -13,7 +13,6 @@ from golden.msv2_ref.buckets import Bounds
 from perf import bus, chunk_units, chunks, constants, datapath, geometry, supertiles_bin, supertiles_render
 from perf.model import FrameCycles, MemoryModel, Stage
 from perf.phases import LIMIT, LastingMemory, counts_of, dram_commands, finished, table_cycles
-from perf.plan import tile_rows
 from perf.supertiles_gather import EMPTY, MISSES, SUPERTILE_BEATS, SURVIVES
 from perf.supertiles_plan import SuperPlan, frame_beats, steady_bounds, super_plan
 from perf.supertiles_trace import SuperTrace
@@ -205,7 +204,7 @@ def _new_streams(config: AcceleratorConfig) -> np.recarray:
     streams.stop_latency = constants.SETUP_LATENCY + expand + config.array_y + 4
     streams.store_latency = expand + constants.ROW_PIPELINE + constants.SUMS_LATER + config.array_y + 4
     streams.rows_free, streams.row_halves = OUTPUT_DRAINS * config.array_y, 2
-    streams.drain_rows = config.array_y if config.incremental else tile_rows(config) // config.streams
+    streams.drain_rows = config.array_y if config.incremental else config.region**2 // config.array_x
     streams.banks = config.batch_banks if config.streams > 1 else 0
     return streams
 

@@ -155,6 +155,8 @@ STUDIES = (
               "area", "bandwidth", "bars", "sweeps", "tiles", "timeline"))), 30, f"{SCENES}, runs in build/train"),)),
     Study("pooling", "msv2.studies.training.pooling", "what the display's pixels do to the levels of training",
           (Report("build/train/fern build/train/fern-pooled --keep", ("pooling.json",), 0.1, "runs in build/train"),)),
+    Study("presets", "msv2.studies.presets.study", "what accuracy buys on `v3`: harmonics, points and support radius",
+          (Report("--keep", _files("presets", "json", "md"), 3, SCENES),)),
     Study("ranges", "msv2.studies.ranges.study", "values that the records of real frames take",
           (Report("--keep", _files("ranges", "json", "md", "png"), 3, SCENES),)),
     Study("report", "msv2.studies.report.study", "area, energy and performance as one page in build/report"),

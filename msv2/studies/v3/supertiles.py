@@ -51,12 +51,11 @@ def super_row(
     subject: Subject, memory: str, trace: SuperTrace, table: Table, config: AcceleratorConfig = V3,
 ) -> dict[str, object]:
     """The numbers of a frame with a memory, as `msv2.studies.v3.frames.frame_row` gives them, and those of super-tiles. The
-    frame is packed where the machine can; the energy of packing is not in the numbers."""
+    frame is packed where the machine can."""
     frame = simulate_supertiles(
         trace, config, memory=MemoryModel(**memory_arguments(memory)), display=True, packed=config.packed)
-    plain = config.with_(packed=False)
     energy = frame_energy(
-        super_counts(trace, frame, plain), frame.total, plain, super_table(table, plain), clock_hz=CLOCK_HZ)
+        super_counts(trace, frame, config), frame.total, config, super_table(table, config), clock_hz=CLOCK_HZ)
     return {
         "frame": subject.name, "scene": subject.scene, "size": subject.size, "machine": config.name, "memory": memory,
         "cycles": frame.total, "phases": frame.phases, "bytes": moved(frame), "total_bytes": total_bytes(frame),

@@ -102,13 +102,20 @@ def test_the_step_to_four_arrays_has_both_eyes_beside_it(rows):
             if r["machine"] == V3.name]
     eyes = {f"{summary.FOUR_ARRAYS}, {memory}": {"two_eyes_gain": gain, "second_eye_share": 0.5}
             for memory, gain in ((LPDDR3, 3.5), (IDEAL, 2.5))}
-    alone, both = (summary.steps([*rows, *four], [], [], given) for given in (None, eyes))
+    over_gscore = [{"machine": "other", "gscore_like_gain": {}},
+                   {"machine": supertiles.STREAMS_PACKED.name, "gscore_like_gain": {LPDDR3: 3.7, IDEAL: 3.2}}]
+    alone, both = (summary.steps([*rows, *four], [], [], *given) for given in ((), (eyes, over_gscore)))
+    assert (both["streams"]["gscore_like_gain"], both["streams"]["gscore_like_gain_ideal"]) == (3.7, 3.2)
+    assert alone["streams"]["gscore_like_gain"] is None
+    goals = {goal["goal"]: goal["reached"] for goal in summary.goals([*rows, *four], [], [])}
+    assert goals["four arrays, packed frames: ideal cycles of a frame, times fewer"]
     assert math.isclose(both["streams"]["over_v3"]["ideal_gain"], 4) and math.isclose(both["streams"]["lpddr3_gain"], 32)
     assert both["streams"]["two_eyes_gain"] == 3.5 and both["streams"]["two_eyes_gain_ideal"] == 2.5
     content = {"missing": [], "missing_runs": [], "ordered": [], "goals": [], "frames": [*rows, *four], "photographs": [],
                "orders": []}
-    assert "take 3.50 times fewer" in page(content | {"steps": both})
+    assert all(text in page(content | {"steps": both}) for text in ("take 3.50 times fewer", "3.70 times as fast"))
     assert "## Four arrays" in page(content | {"steps": alone}) and "Both eyes" not in page(content | {"steps": alone})
+    assert "GSCore" not in page(content | {"steps": alone})
 
 
 @pytest.mark.parametrize(("loss", "reached"), ((0.0049, True), (0.0051, False)))
