@@ -26,6 +26,9 @@ from synth.report import write_text
 
 INSTALL = "OpenSTA is not installed: on Debian and Ubuntu, `apt-get install opensta` brings the command `sta`"
 
+RESET_PIN = "controller/reset_units"
+"""The controller's reset of the units. It is held for several cycles while they are quiet, and a tree would distribute it."""
+
 _MEMORY_PORT = re.compile(rf"memory(\d+)_({'|'.join(PINS)})")
 _MOST_PATHS = 1_000_000
 
@@ -156,7 +159,7 @@ class Hierarchy:
         kinds = "|".join(sorted(map(re.escape, texts), key=len, reverse=True))
         self.inside = {
             name: {instance.strip().lstrip("\\"): kind for kind, instance in re.findall(
-                rf"(?m)^  ({kinds}) (\\?\S+) ?\($", text)} for name, text in texts.items()}
+                rf"(?m)^  ({kinds}) (\\?\S+) *\($", text)} for name, text in texts.items()}
 
     def unit(self, path: str) -> str:
         """The innermost unit that holds the instance or pin at this path; the machine's own name if it is in no other."""
@@ -185,6 +188,7 @@ def constraints(corner: Corner, clock_ps: float, uncertainty: float) -> str:
         f"set_load {corner.technology.load} [all_outputs]",
         f"set_max_transition {SLEW_LIMIT_PS / corner.technology.time_unit_ps} [current_design]",
         "set_false_path -from [get_ports rst]",
+        f"foreach p [get_pins -quiet {RESET_PIN}] {{ set_false_path -through $p }}",
     ]) + "\n"
 
 
@@ -210,10 +214,19 @@ proc report_paths {kind file} {
 """.replace("MOST", str(_MOST_PATHS))
 
 
-def write_machine(
-    design: Design, parts: Mapping[str, dict], corner: Corner, folder: Path,
-) -> tuple[list[Path], Path, Hierarchy]:
-    """Write what OpenSTA reads: netlists with memories as cells, lower ones first, and the library of these cells."""
+@dataclass(frozen=True)
+class Written:
+    """What OpenSTA reads: netlists with memories as cells, lower ones first, and these cells with their library."""
+
+    netlists: tuple[Path, ...]
+    cells: tuple[MemoryCell, ...]
+    library: Path
+    hierarchy: Hierarchy
+
+
+def write_machine(design: Design, parts: Mapping[str, dict], corner: Corner, folder: Path) -> Written:
+    """Write to `folder` what OpenSTA reads of a machine."""
+    folder.mkdir(parents=True, exist_ok=True)
     paths, texts, cells = [], {}, {}
     for name in design.texts:
         text = Path(parts[name]["netlist"]).read_text()
@@ -227,7 +240,7 @@ def write_machine(
         paths.append(path)
     library = folder / f"memories-{corner.name}.lib"
     write_text(library, liberty(list(cells.values()), corner.memory_factor))
-    return paths, library, Hierarchy(design.top, texts)
+    return Written(tuple(paths), tuple(cells.values()), library, Hierarchy(design.top, texts))
 
 
 def time_machine(
@@ -242,19 +255,19 @@ def time_machine(
         InputError: OpenSTA or liberty files are missing.
     """
     check()
-    folder.mkdir(parents=True, exist_ok=True)
-    paths, library, hierarchy = write_machine(design, parts, corner, folder)
+    written = write_machine(design, parts, corner, folder)
     late, early, slews = (folder / f"{name}-{corner.name}.txt" for name in ("late", "early", "slews"))
     commands = "\n".join([
-        f"read_liberty {corner.liberty(folder.parent)}", f"read_liberty {library}",
-        *(f"read_verilog {path}" for path in paths), f"link_design {design.top}",
+        f"read_liberty {corner.liberty(folder.parent)}", f"read_liberty {written.library}",
+        *(f"read_verilog {path}" for path in written.netlists), f"link_design {design.top}",
     ]) + "\n" + constraints(corner, clock_ps, uncertainty) + PATHS + (
         "report_worst_slack -digits 3\nreport_tns -digits 1\n"
         "report_checks -path_delay max -fields {capacitance slew} -digits 1\n"
         f"puts HOLD\nreport_checks -path_delay min -format end -digits 3\nreport_paths max {late}\nreport_paths min {early}\n"
         f"report_check_types -max_transition -all_violators -format end -digits 1 > {slews}\n")
     output = timing.run_sta(commands, folder, f"machine-{corner.name}")
-    return read_timing(output, late.read_text(), early.read_text(), slews.read_text(), hierarchy, corner, clock_ps, uncertainty)
+    return read_timing(
+        output, late.read_text(), early.read_text(), slews.read_text(), written.hierarchy, corner, clock_ps, uncertainty)
 
 
 def read_timing(

@@ -32,6 +32,9 @@ MUX_PS = 27.0
 BUFFER_PS, MACROS_PER_BUFFER = 37.0, 4
 """Delay of a buffer (BUFx5 into four macros' pins of 5 fF, found in the same way), and the number of macros that it drives."""
 
+MOST_FF = 500.0
+"""Largest load of a macro's output."""
+
 PINS = ("rd_addr", "rd_en", "wr_addr", "wr_en", "wr_data", "rd_data")
 """Pins that `synth.memories.take_out` makes into ports; all but the last are inputs of the memory."""
 
@@ -135,8 +138,8 @@ def _pin(pin: str, width: int, timing: MemoryTiming, factor: float) -> str:
     if pin == "rd_data":
         edges = "".join(f" cell_{edge} (scalar) {{ values (\"{factor * timing.access_ps:.1f}\"); }}"
                         f" {edge}_transition (by_load) {{ values (\"9, 227\"); }}" for edge in ("rise", "fall"))
-        return f"{head} direction : output; max_capacitance : 500; timing () {{ related_pin : \"clk\"; timing_type : " \
-               f"rising_edge;{edges} }} }}\n"
+        return (f"{head} direction : output; max_capacitance : {MOST_FF:.0f}; "
+                f"timing () {{ related_pin : \"clk\"; timing_type : rising_edge;{edges} }} }}\n")
     checks = "".join(
         f" timing () {{ related_pin : \"clk\"; timing_type : {kind}_rising;"
         f" rise_constraint (scalar) {{ values (\"{time:.1f}\"); }} fall_constraint (scalar) {{ values (\"{time:.1f}\"); }} }}"

@@ -24,8 +24,10 @@ from synth.budget import Late, graph, late
 from synth.corners import CORNERS, UNCERTAINTY, Corner, corner
 from synth.design import Design
 from synth.interfaces import Interface, interface_of, interfaced, source_hash
-from synth.linked import LinkedTiming, check, time_machine
+from synth.linked import LinkedTiming, check, time_machine, write_machine
+from synth.loads import Overload, memory_pins, overloads, pins_of
 from synth.machine import TOP, machine_design
+from synth.netlist import read
 from synth.settings import MOST_RUNS, Settings
 
 STORE = REPORTS / "machine_budget.json"
@@ -47,6 +49,7 @@ class WholeTiming:
         sources: a hash of everything that the machine's RTL depends on.
         modules, instances: modules that were mapped, and how many instances of them the machine has.
         cells: cells of the linked machine.
+        overloads: nets that are loaded beyond their driver's limit, the worst first.
     """
 
     config: str
@@ -56,6 +59,7 @@ class WholeTiming:
     modules: int
     instances: int
     cells: int
+    overloads: tuple[Overload, ...] = ()
 
 
 def time_config(
@@ -77,12 +81,15 @@ def time_config(
     for one in wanted:
         progress(f"{config.name}: linking and timing the machine, {one.name}")
         linked[one.name] = time_machine(design, parts, one, folder / f"machine-{config.name}", clock_ps, uncertainty)
+    written = write_machine(design, parts, wanted[0], folder / f"machine-{config.name}")
+    cells = pins_of(wanted[0].liberty(folder)) | memory_pins(written.cells)
+    loaded = overloads((read(path) for path in written.netlists), cells)
     counts = design.counts()
     measured = _interfaces(design, parts, CORNERS[BUDGET_CORNER], folder / f"interfaces-{config.name}", progress) \
         if interfaces else {}
     return WholeTiming(
         config.name, linked, measured, _sources(config), len(design.texts), counts.total(),
-        sum(counts[name] * sum(part["cells_by_type"].values()) for name, part in parts.items()))
+        sum(counts[name] * sum(part["cells_by_type"].values()) for name, part in parts.items()), tuple(loaded))
 
 
 def _interfaces(

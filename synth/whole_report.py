@@ -26,6 +26,7 @@ def of_corner(found: LinkedTiming) -> dict[str, object]:
 def summary(found: WholeTiming) -> dict[str, object]:
     """The numbers of a machine at all corners."""
     return {"modules": found.modules, "instances": found.instances, "cells": found.cells,
+            "overloaded_nets": len(found.overloads), "overloads": [asdict(one) for one in found.overloads[:SHOWN_PAIRS]],
             **{name: of_corner(one) for name, one in found.linked.items()}}
 
 
@@ -40,7 +41,9 @@ def lines(found: WholeTiming) -> list[str]:
             *(f"  {pair.slack_ps:8.1f} ps {pair.endpoints:6,} endpoints  {' > '.join(pair.through)}"
               for pair in one.pairs[:SHOWN_PAIRS]),
             *([f"  and {len(one.pairs) - SHOWN_PAIRS} more pairs"] if len(one.pairs) > SHOWN_PAIRS else [])]
-    return said
+    worst = found.overloads[:1]
+    return [*said, f"{found.config}: {len(found.overloads)} nets beyond their driver's limit" + "".join(
+        f", the worst {one.module}.{one.net}: {one.load_ff:.0f} of {one.limit_ff:.0f} fF" for one in worst)]
 
 
 def verdict(config: str) -> tuple[list[str], list[str]]:

@@ -90,7 +90,7 @@ def test_an_unknown_corner_is_refused(tmp_path: Path) -> None:
 
 @needs_sta
 def test_a_small_machine_is_timed_through_all_its_units(tmp_path: Path) -> None:
-    """The clock is 100 ps, of which 10 are uncertainty. To the reader's register: controller 40 + 30, the top's inverter 10, the
+    """The clock is 100 ps, 10 of them uncertainty. To the reader's register: controller 40 + 30, the top's inverter 10, the
     frame's 10, buffers 40, setup 20. To the counters: 70 + 10 and 20 + 20, or 10 + 10 + 20 through the reader. In the reader:
     40, and the memory's setup of 15 and three multiplexers of 27."""
     design, parts, where = small_machine(tmp_path)
