@@ -22,6 +22,7 @@ from synth.linked import memory_cells, with_memories
 from synth.machine import UNIT_GROUPS, UNTIMED, label
 from synth.macro_timing import liberty
 from synth.netlist import Instance, Netlist, parse
+from synth.once import run_once
 from synth.report import write_text
 
 IDEAL = ("clk", "rst")
@@ -200,9 +201,8 @@ def interface_of(
     write_text(library, liberty(list(cells.values()), corner.memory_factor))
     ports = ports_of(texts[name])
     inputs = [port for port, (direction, _) in ports.items() if direction == "input" and port not in IDEAL]
-    output = timing.run_sta(
-        script([folder / f"{module}.v" for module in texts], name, inputs, corner, [corner.liberty(folder.parent), library]),
-        folder, name)
+    netlists, liberties = [folder / f"{module}.v" for module in texts], [corner.liberty(folder.parent), library]
+    output = run_once(script(netlists, name, inputs, corner, liberties), [*liberties, *netlists], folder, name)
     return collect(source_hash(design, name), below, arcs(output, names, ports, corner.technology.time_unit_ps))
 
 

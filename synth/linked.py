@@ -22,12 +22,17 @@ from synth.design import Design
 from synth.machine import TOP, UNIT_GROUPS, label
 from synth.macro_timing import PINS, MemoryCell, liberty, memory_timing
 from synth.memories import MADE_AS, Macro
+from synth.netlist import parse
+from synth.once import run_once
 from synth.report import write_text
 
 INSTALL = "OpenSTA is not installed: on Debian and Ubuntu, `apt-get install opensta` brings the command `sta`"
 
 RESET_PIN = "controller/reset_units"
 """The controller's reset of the units. It is held for several cycles while they are quiet, and a tree would distribute it."""
+
+RESET_NET = "units_rst"
+"""The net of that reset in the machine's own module."""
 
 _MEMORY_PORT = re.compile(rf"memory(\d+)_({'|'.join(PINS)})")
 _MOST_PATHS = 1_000_000
@@ -66,8 +71,9 @@ class LinkedTiming:
         total_negative_ps: sum of the negative slacks.
         hold_slack_ps, hold_endpoints, hold_at_memories: worst hold slack, endpoints that miss it, and how many of them are pins
             of memories.
-        slew_pins: pins whose transition time is beyond the limit.
+        slew_nets: nets whose transition is slower than the limit, without clocks and the reset.
         slew_slack_ps: the worst of them, relative to the limit; null if there are none.
+        slew_clocks: clock gates whose registers are too many for them without a tree.
         path: the report of the worst path.
     """
 
@@ -81,8 +87,9 @@ class LinkedTiming:
     hold_slack_ps: float
     hold_endpoints: int
     hold_at_memories: int
-    slew_pins: int
+    slew_nets: int
     slew_slack_ps: float | None
+    slew_clocks: int
     path: str
 
     @property
@@ -193,8 +200,7 @@ def constraints(corner: Corner, clock_ps: float, uncertainty: float) -> str:
 
 
 PATHS = """\
-proc report_paths {kind file} {
-  set out [open $file w]
+proc report_paths {kind} {
   foreach path [find_timing_paths -path_delay $kind -slack_max 0 -group_count MOST] {
     set units {}
     set last ""
@@ -207,18 +213,21 @@ proc report_paths {kind file} {
     }
     set ends {}
     foreach end {startpoint endpoint} { lappend ends [get_property [get_property $path $end] full_name] }
-    puts $out "[get_property $path slack]\\t[join $ends \\t]\\t[join $units { }]"
+    puts "[get_property $path slack]\\t[join $ends \\t]\\t[join $units { }]"
   }
-  close $out
 }
 """.replace("MOST", str(_MOST_PATHS))
 
 
 @dataclass(frozen=True)
 class Written:
-    """What OpenSTA reads: netlists with memories as cells, lower ones first, and these cells with their library."""
+    """What OpenSTA reads: netlists with memories as cells, lower ones first, and these cells with their library.
+
+    `reset` has the pins of the machine's own module at the reset of its units (RESET_NET).
+    """
 
     netlists: tuple[Path, ...]
+    reset: frozenset[str]
     cells: tuple[MemoryCell, ...]
     library: Path
     hierarchy: Hierarchy
@@ -240,7 +249,9 @@ def write_machine(design: Design, parts: Mapping[str, dict], corner: Corner, fol
         paths.append(path)
     library = folder / f"memories-{corner.name}.lib"
     write_text(library, liberty(list(cells.values()), corner.memory_factor))
-    return Written(tuple(paths), tuple(cells.values()), library, Hierarchy(design.top, texts))
+    reset = {f"{instance.name}/{pin}" for instance in parse(texts[design.top]).instances
+             for pin, bits in instance.pins.items() if RESET_NET in bits}
+    return Written(tuple(paths), frozenset(reset), tuple(cells.values()), library, Hierarchy(design.top, texts))
 
 
 def time_machine(
@@ -256,23 +267,20 @@ def time_machine(
     """
     check()
     written = write_machine(design, parts, corner, folder)
-    late, early, slews = (folder / f"{name}-{corner.name}.txt" for name in ("late", "early", "slews"))
+    library = corner.liberty(folder.parent)
     commands = "\n".join([
-        f"read_liberty {corner.liberty(folder.parent)}", f"read_liberty {written.library}",
+        f"read_liberty {library}", f"read_liberty {written.library}",
         *(f"read_verilog {path}" for path in written.netlists), f"link_design {design.top}",
     ]) + "\n" + constraints(corner, clock_ps, uncertainty) + PATHS + (
         "report_worst_slack -digits 3\nreport_tns -digits 1\n"
         "report_checks -path_delay max -fields {capacitance slew} -digits 1\n"
-        f"puts HOLD\nreport_checks -path_delay min -format end -digits 3\nreport_paths max {late}\nreport_paths min {early}\n"
-        f"report_check_types -max_transition -all_violators -format end -digits 1 > {slews}\n")
-    output = timing.run_sta(commands, folder, f"machine-{corner.name}")
-    return read_timing(
-        output, late.read_text(), early.read_text(), slews.read_text(), written.hierarchy, corner, clock_ps, uncertainty)
+        "puts HOLD\nreport_checks -path_delay min -format end -digits 3\nputs LATE\nreport_paths max\nputs EARLY\n"
+        "report_paths min\nputs SLEWS\nreport_check_types -max_transition -all_violators -format end -digits 1\n")
+    output = run_once(commands, [library, written.library, *written.netlists], folder, f"machine-{corner.name}")
+    return read_timing(output, written, corner, clock_ps, uncertainty)
 
 
-def read_timing(
-    output: str, late: str, early: str, slews: str, hierarchy: Hierarchy, corner: Corner, clock_ps: float, uncertainty: float,
-) -> LinkedTiming:
+def read_timing(output: str, written: Written, corner: Corner, clock_ps: float, uncertainty: float) -> LinkedTiming:
     """The results in what OpenSTA wrote.
 
     Raises:
@@ -282,17 +290,27 @@ def read_timing(
     slack = re.findall(r"worst slack\s+(-?[\d.]+)", output)
     if not slack:
         raise RuntimeError(f"sta reported no slack:\n{output}")
-    report, _, hold = output.partition("HOLD\n")
-    ends = [line for line in early.splitlines() if float(line.split("\t")[0]) < 0]
+    report, hold, late, early, slews = re.split(r"(?m)^(?:HOLD|LATE|EARLY|SLEWS)\n", output)
+    ends = [line for line in _paths(early) if float(line.split("\t")[0]) < 0]
     holds = [float(value) for value in re.findall(r"(-?[\d.]+) \((?:MET|VIOLATED)\)", hold)]
-    negative = [float(line.split("\t")[0]) * unit_ps for line in late.splitlines()]
-    bad = [float(value) * unit_ps for value in re.findall(r"(-[\d.]+) \(VIOLATED\)", slews)]
+    negative = [float(line.split("\t")[0]) * unit_ps for line in _paths(late)]
+    bad = {pin: float(value) * unit_ps for pin, value in re.findall(r"(?m)^(\S+) .*?(-[\d.]+) \(VIOLATED\)", slews)
+           if pin not in written.reset}
+    technology = corner.technology
+    drivers = {"Y", technology.driver[1], *(technology.full_adder[1][3:] if technology.full_adder else ())}
+    nets = {pin: value for pin, value in bad.items() if pin.rpartition("/")[2] in drivers or "/rd_data" in pin}
+    gates = technology.clock_gate[3] if technology.clock_gate else None
     return LinkedTiming(
         corner.name, clock_ps, uncertainty, round(float(slack[-1]) * unit_ps, 1), sum(value < 0 for value in negative),
-        tuple(pairs(late, hierarchy, unit_ps)), round(sum(value for value in negative if value < 0), 1),
+        tuple(pairs(late, written.hierarchy, unit_ps)), round(sum(value for value in negative if value < 0), 1),
         round(min(holds, default=0.0) * unit_ps, 1), len(ends),
         sum(re.search(r"memory\d+/", line.split("\t")[2]) is not None for line in ends),
-        len(bad), min(bad, default=None), report)
+        len(nets), min(nets.values(), default=None), sum(pin.rpartition("/")[2] == gates for pin in bad), report)
+
+
+def _paths(text: str) -> list[str]:
+    """The lines of paths in a section of the output."""
+    return [line for line in text.splitlines() if "\t" in line]
 
 
 def pairs(late: str, hierarchy: Hierarchy, unit_ps: float = 1.0) -> list[Pair]:
@@ -301,7 +319,7 @@ def pairs(late: str, hierarchy: Hierarchy, unit_ps: float = 1.0) -> list[Pair]:
     `late`: a line for each endpoint: its slack, the first and the last pin, and the places that the path passes; tabs between.
     """
     grouped: dict[tuple[str, str], list[tuple[float, str, str, str]]] = {}
-    for line in late.splitlines():
+    for line in _paths(late):
         slack, start, end, places = line.split("\t")
         if float(slack) < 0:
             ends = tuple("ports" if "/" not in pin else hierarchy.unit(pin) for pin in (start, end))

@@ -37,7 +37,7 @@ def lines(found: WholeTiming) -> list[str]:
         said += [
             f"{found.config}, {name}: slack {one.slack_ps:.1f} ps at {one.clock_ps:.0f} ps with {one.uncertainty:.0%} "
             f"uncertainty, {one.ghz:.2f} GHz; {one.late_endpoints:,} late endpoints; hold {one.hold_slack_ps:.1f} ps, "
-            f"{one.hold_endpoints:,} endpoints; {one.slew_pins:,} pins with slow transitions",
+            f"{one.hold_endpoints:,} endpoints; {one.slew_nets:,} nets with slow transitions",
             *(f"  {pair.slack_ps:8.1f} ps {pair.endpoints:6,} endpoints  {' > '.join(pair.through)}"
               for pair in one.pairs[:SHOWN_PAIRS]),
             *([f"  and {len(one.pairs) - SHOWN_PAIRS} more pairs"] if len(one.pairs) > SHOWN_PAIRS else [])]

@@ -10,7 +10,7 @@ import pytest
 from spec.errors import InputError
 from synth import linked, timing
 from synth.corners import CORNERS, corner
-from synth.linked import Hierarchy, memory_cells, pairs, read_timing, time_machine, with_memories, zero_slack_ps
+from synth.linked import Hierarchy, Written, memory_cells, pairs, read_timing, time_machine, with_memories, zero_slack_ps
 from synth.machine import TOP
 from synth.macro_timing import liberty
 from synth.netlist import parse
@@ -55,17 +55,19 @@ def test_late_endpoints_are_grouped_by_pair_of_units() -> None:
 
 
 def test_what_opensta_writes_is_read() -> None:
-    output = ("worst slack -30.25\ntns -43.5\nStartpoint: x\nHOLD\n\n  y/D (DFF)   5.0  3.0  -2.00 (VIOLATED)\n"
-              "z/D 5.0 9.0 4.0 (MET)\n")
+    head = ("worst slack -30.25\ntns -43.5\nStartpoint: x\nHOLD\n\n  y/D (DFF)   5.0  3.0  -2.00 (VIOLATED)\n"
+            "z/D 5.0 9.0 4.0 (MET)\n")
     early = "-2.0\ta/Q\tgeometry/reader/memory0/rd_addr[1]\t\n-1.0\ta/Q\tcounters/_1_/D\t\n0.0\ta/Q\tb/D\t\n"
-    slews = "a/A 320.0 350.0 -30.0 (VIOLATED)\nb/A 320.0 321.0 -1.0 (VIOLATED)\n"
-    found = read_timing(output, "-30.25\tcontroller/_1_/Q\tcounters/_1_/D\t\n", early, slews, Hierarchy(TOP, netlists()),
-                        CORNERS["typical"], 1000.0, 0.05)
+    slews = ("r/Y 320.0 4000.0 -3680.0 (VIOLATED)\na/Y 320.0 350.0 -30.0 (VIOLATED)\nb/A 320.0 350.0 -30.0 (VIOLATED)\n"
+             "b/Y 320.0 321.0 -1.0 (VIOLATED)\nc/d/GCLK 320.0 400.0 -80.0 (VIOLATED)\nc/d/CLK 320.0 400.0 -80.0 (VIOLATED)\n")
+    output = f"{head}LATE\n-30.25\tcontroller/_1_/Q\tcounters/_1_/D\t\nEARLY\n{early}SLEWS\nmax_transition\n\n{slews}"
+    written = Written((), frozenset({"r/Y"}), (), Path("memories.lib"), Hierarchy(TOP, netlists()))
+    found = read_timing(output, written, CORNERS["typical"], 1000.0, 0.05)
     assert (found.slack_ps, found.late_endpoints, found.total_negative_ps) == (-30.2, 1, -30.2)
     assert (found.hold_slack_ps, found.hold_endpoints, found.hold_at_memories) == (-2.0, 2, 1)
-    assert (found.slew_pins, found.slew_slack_ps) == (2, -30.0) and found.path.endswith("Startpoint: x\n")
+    assert (found.slew_nets, found.slew_slack_ps, found.slew_clocks) == (2, -30.0, 1) and found.path.endswith("Startpoint: x\n")
     with pytest.raises(RuntimeError, match="reported no slack"):
-        read_timing("", "", "", "", Hierarchy(TOP, netlists()), CORNERS["typical"], 1000.0, 0.05)
+        read_timing("", written, CORNERS["typical"], 1000.0, 0.05)
 
 
 def test_the_clock_at_zero_slack_keeps_its_share_of_uncertainty() -> None:
@@ -98,7 +100,7 @@ def test_a_small_machine_is_timed_through_all_its_units(tmp_path: Path) -> None:
     assert [(pair.start, pair.end, pair.slack_ps, pair.endpoints) for pair in found.pairs] == [
         ("controller", "geometry.reader", -60.0, 1), ("geometry.reader", "geometry.reader", -46.0, 3),
         ("controller", "counters", -30.0, 2)]
-    assert (found.slack_ps, found.late_endpoints, found.slew_pins) == (-60.0, 6, 0)
+    assert (found.slack_ps, found.late_endpoints, found.slew_nets) == (-60.0, 6, 0)
     assert found.total_negative_ps == -60 - 3 * 46 - 2 * 30 and "Startpoint: controller/_1_" in found.path
     assert (found.hold_slack_ps, found.hold_endpoints) == (5.0, 0)
     way = next(pair for pair in found.pairs if (pair.start, pair.end) == ("controller", "geometry.reader"))
