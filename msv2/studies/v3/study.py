@@ -32,12 +32,8 @@ from spec.command_line import command_parser
 from spec.config import V3, V3_PACKED, V3_STREAMS
 from spec.paths import REPORTS
 
-<<<<<<< HEAD
-REPORT, EYES, OVERLAP = (REPORTS / f"{name}.json" for name in ("v3", "two_eyes", "overlap"))
-=======
-REPORT, EYES, MACHINES = (REPORTS / f"{name}.json" for name in ("v3", "two_eyes", "performance"))
-"""The report itself, and those of which it shows numbers: joint frames, and machines like GSCore."""
->>>>>>> wt-numbers
+REPORT, EYES, OVERLAP, MACHINES = (REPORTS / f"{name}.json" for name in ("v3", "two_eyes", "overlap", "performance"))
+"""The report itself, and those of which it shows numbers: joint frames, overlapped phases, and machines like GSCore."""
 
 SUPERTILES = {V3: (V3, V3_PACKED), V3_STREAMS: (supertiles.STREAMS_PACKED,)}
 """The machines with lists by super-tile, by the one whose traces they take."""
@@ -93,23 +89,7 @@ def measure(args: argparse.Namespace, old: Mapping[str, Any]) -> dict[str, Any]:
         "clock_hz": frames.CLOCK_HZ, "missing": missing,
         "missing_runs": [scene for scene in missing_runs if scene not in {row["scene"] for row in photo_rows}],
         "ordered": [subject.name for subject in ordered], "goals": summary.goals(rows, photo_rows, overflow),
-<<<<<<< HEAD
-        "steps": summary.steps(rows, photo_rows, overflow, _summary_of(EYES)) | _overlap_step(), "frames": rows,
-        "photographs": photo_rows,
-        "orders": summary.order_means(order_rows), "order_frames": order_rows}
-
-
-def _summary_of(report: Path) -> Mapping[str, Any]:
-    """The summary of another report; empty without it."""
-    return read_json(report)["summary"] if report.is_file() else {}
-
-
-def _overlap_step() -> dict[str, Any]:
-    """The step of overlapped phases, from their report, if that is there."""
-    found = _summary_of(OVERLAP)
-    return {"overlap": overlap_page.steps(found, supertiles.STREAMS_PACKED.name, summary.FOUR_ARRAYS)} if found else {}
-=======
-        "steps": summary.steps(rows, photo_rows, overflow, _beside(EYES, "summary"), _beside(MACHINES, "steps")),
+        "steps": summary.steps(rows, photo_rows, overflow, _beside(EYES, "summary"), _beside(MACHINES, "steps")) | _overlap_step(),
         "frames": rows, "photographs": photo_rows,
         "orders": summary.order_means(order_rows), "order_frames": order_rows}
 
@@ -117,7 +97,12 @@ def _overlap_step() -> dict[str, Any]:
 def _beside(report: Path, key: str) -> Any:
     """A part of another report; empty without it."""
     return read_json(report).get(key, {}) if report.is_file() else {}
->>>>>>> wt-numbers
+
+
+def _overlap_step() -> dict[str, Any]:
+    """The step of overlapped phases, from their report, if that is there."""
+    found = _beside(OVERLAP, "summary")
+    return {"overlap": overlap_page.steps(found, supertiles.STREAMS_PACKED.name, summary.FOUR_ARRAYS)} if found else {}
 
 
 def _kept(old: Mapping[str, Any], scenes: Sequence[str]) -> list[Mapping[str, Any]]:
@@ -136,11 +121,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     scenes = [scene_file(scene) for scene in args.scene or frames.SCENES if scene != EMBEDDED]
     machines = frames.MACHINES | {config.name: config for configs in SUPERTILES.values() for config in configs}
     write_report(out / "v3.json", content, [__name__], {"arguments": args, "machines": machines},
-<<<<<<< HEAD
-                 [TABLE, EYES, OVERLAP, *filter(None, scenes),
-=======
-                 [TABLE, EYES, MACHINES, *filter(None, scenes),
->>>>>>> wt-numbers
+                 [TABLE, EYES, OVERLAP, MACHINES, *filter(None, scenes),
                   *(run / "model.ply" for run in photographs.runs_here()[0].values())],
                  earlier=old if _kept(old, photographs.runs_here()[1]) else None)
     write_page(out / "v3.md", page(content))
