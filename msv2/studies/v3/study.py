@@ -89,9 +89,9 @@ def measure(args: argparse.Namespace, old: Mapping[str, Any]) -> dict[str, Any]:
         "clock_hz": frames.CLOCK_HZ, "missing": missing,
         "missing_runs": [scene for scene in missing_runs if scene not in {row["scene"] for row in photo_rows}],
         "ordered": [subject.name for subject in ordered], "goals": summary.goals(rows, photo_rows, overflow),
-        "steps": summary.steps(rows, photo_rows, overflow, _beside(EYES, "summary"), _beside(MACHINES, "steps")) | _overlap_step(),
-        "frames": rows, "photographs": photo_rows,
-        "orders": summary.order_means(order_rows), "order_frames": order_rows}
+        "steps": {**summary.steps(rows, photo_rows, overflow, _beside(EYES, "summary"), _beside(MACHINES, "steps")),
+                  **_overlap_step()},
+        "frames": rows, "photographs": photo_rows, "orders": summary.order_means(order_rows), "order_frames": order_rows}
 
 
 def _beside(report: Path, key: str) -> Any:
