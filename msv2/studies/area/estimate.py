@@ -211,7 +211,9 @@ def _blending(config: AcceleratorConfig) -> float:
     kept = 0.0
     if config.supertiles:
         units = {row["unit"]: row["logic_um2"] for row in _report("area")["builds"][SUPERTILE_LISTS]["units"]}
-        batches = units["render.batches"] if config.streams == 1 else sum(map(_synthesised_um2, ("stream_buffer", "row_join")))
+        batches = units["render.batches"]
+        if config.streams > 1:
+            batches = _synthesised_um2("stream_buffer") + _synthesised_um2("row_join")
         kept = batches + size * units["render.array.state"]
     return size * (collect * (1 + config.level_banks) / 3 + (blend if config.level_banks == 2 else 0)) + kept
 

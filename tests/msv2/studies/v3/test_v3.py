@@ -16,6 +16,7 @@ from msv2.studies.performance.frames import request
 from msv2.studies.v3 import frames, photographs, study, summary, supertiles
 from msv2.studies.v3.page import page
 from spec.config import PAPER, V3, V3_PACKED, V3_RECORDS
+from spec.errors import InputError
 
 
 def row(frame: str, machine: str, memory: str, cycles: int, total: int, **more: object) -> dict[str, object]:
@@ -188,3 +189,15 @@ def test_a_turned_camera_sees_the_scene_from_the_side():
     assert angle == pytest.approx(2, abs=1e-3)
     moved = np.linalg.norm(other.rotation.T @ other.translation - camera.rotation.T @ camera.translation)
     assert moved == pytest.approx(0.005, rel=1e-6)
+
+
+def test_a_kept_report_is_summarised_anew(rows, tmp_path):
+    """Its rows stay, and nothing is measured; without a kept report of all frames there is nothing to summarise."""
+    kept = {"frames": rows, "photographs": [photo("fern", 1, 0.006)], "order_frames": [], "goals": [], "steps": {},
+            "orders": [], "missing": []}
+    found = study.summarised(kept, [over(0.002, 2.0)])
+    assert {key for key in kept if found[key] != kept[key]} == {"goals", "steps"}
+    assert found["goals"] == summary.goals(rows, kept["photographs"], [over(0.002, 2.0)])
+    assert found["steps"]["supertiles"]["overflow_share"] == 0.002
+    with pytest.raises(InputError, match="--anew is not accepted"):
+        study.main([EMBEDDED, "--anew", "--out", str(tmp_path)])
