@@ -193,6 +193,12 @@ def frame_rows(config: AcceleratorConfig) -> AcceleratorConfig:
     return config.with_(streams=1, cores_x=TILE if 2 * config.array_x == TILE else config.array_x, cores_y=config.array_y)
 
 
+def batch_tiles(config: AcceleratorConfig) -> int:
+    """Tiles to which a batch is dealt, and of which the array has a state: those of a super-tile and, in machines with joint
+    frames, behind those of the source the target's. A tile's number among them is its `place`, with its `eye` above."""
+    return SUPER_TILES << config.joint
+
+
 def check_supertiles(config: AcceleratorConfig) -> None:
     """Raises ValueError where the config has no super-tiles, or its sizes do not suit each other."""
     if not config.supertiles:
