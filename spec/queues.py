@@ -54,6 +54,10 @@ RECORD_BEATS = 256
 """Most beats of records that wait for the colour unit while their pairs pass projection and tile test. These take about 220
 cycles, in each of which a beat comes."""
 
+COLOURS_BESIDE = 8
+"""Most splats between the datapath of harmonics and the places of the batch buffer, in machines with joint frames, where what
+is known of a splat besides its colour waits beside that datapath."""
+
 COLOUR_LOOKAHEAD = 128
 """Cycles of memory latency that the colour unit hides by reading ahead."""
 
