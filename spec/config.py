@@ -187,7 +187,7 @@ class AcceleratorConfig:
             if has and not self.supertiles:
                 raise ValueError(f"lists must be 'supertile' in a machine with {name}, not {self.lists!r}")
         if self.joint and self.packed:
-            raise ValueError("packed must be False in a machine with joint frames: it packs no frames of two eyes")
+            raise ValueError("packed must be False in a machine with joint frames: it packs none of two eyes")
         if self.stereo and not self.depth:
             raise ValueError(f"depth must be True in a machine with stereo, not {self.depth!r}")
         sigma = self.support_sigma
