@@ -89,8 +89,8 @@ HEADERS = 16
 """Most headers that wait for the array while the splat fetch unit works ahead of it."""
 
 SUPERTILES_AHEAD = 2
-"""Super-tiles that wait for the batch buffer while pairs behind them are projected again. Each keeps the array for 256 cycles
-or more, and projection, tile test and colours take about as long."""
+"""Super-tiles, in joint frames those of both eyes, that wait for the batch buffer while pairs behind them are projected again.
+Each keeps the array for 256 cycles or more, and projection, tile test and colours take about as long."""
 
 LISTS_AHEAD = 32
 """Lists that wait for the list reader while the super-tile reader already has them: as many as a super-tile has at most. A
