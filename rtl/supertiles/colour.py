@@ -12,6 +12,7 @@ from rtl.culling.compact_sum import CompactColourSum
 from rtl.culling.datapath import Datapath
 from rtl.culling.harmonics import OFFSETS, harmonics_graph
 from rtl.shapes import layout
+from rtl.stream import Buffer
 from rtl.supertiles.eyes import joint_settings
 from rtl.supertiles.pair_places import CARRIED, PairPlaces
 from spec.config import AcceleratorConfig
@@ -65,9 +66,10 @@ class PairColour(wiring.Component):
         joint, shared_colour: settings of the frame, in machines with joint frames; they change as `sh_degree` does.
 
     Throughput: one pair every `splat_interval` cycles, with degree 0 every cycle, or a cycle for each of its levels where those
-    are more. A pair with levels in both eyes takes two intervals, unless both have the same colours. Latency from the transfer
+    are more. In joint frames a pair with levels in both eyes takes two intervals, unless both have the same colours; one with
+    levels in a single eye may take a cycle more than an interval; and no pair less than two cycles. Latency from the transfer
     of a pair to its first place: that of the datapath, plus the degree's steps and 7 cycles; with degree 0, 3 cycles. Machines
-    with joint frames take a cycle more, and in joint frames another one.
+    with joint frames take a cycle more, with degree 0 two, and in joint frames another one.
     """
 
     def __init__(self, config: AcceleratorConfig, *, sh_degree: int = 3) -> None:
@@ -99,7 +101,7 @@ class PairColour(wiring.Component):
         m = Module()
         m.submodules.plain, m.submodules.places = plain, places = self._plain, self._places
         wiring.connect(m, places.places, wiring.flipped(self.places))
-        survivors, basis = self._survivors(m), plain.basis
+        survivors, basis = self._survivors(m), self._plain_basis(m)
         item = survivors.payload
         carried = Cat(Value.cast(item[name]) for name in basis.payload.carried.shape().members)
         m.d.comb += [Value.cast(basis.payload.carried).eq(carried), plain.data.payload.eq(self.data.payload)]
@@ -131,6 +133,15 @@ class PairColour(wiring.Component):
             total.sums.ready.eq(places.sums.ready & shaded), plain.sums.ready.eq(places.sums.ready & ~shaded),
         ]
         return m
+
+    def _plain_basis(self, m: Module) -> stream.Interface:
+        """Where items enter the path of degree 0. In machines with joint frames they are as long on their way as splats are in
+        the queue, so that neither waits for the other."""
+        if not self.config.joint:
+            return self._plain.basis
+        m.submodules.delay = delay = Buffer(self._plain.basis.payload.shape())
+        wiring.connect(m, delay.source, self._plain.basis)
+        return delay.sink
 
     def _survivors(self, m: Module) -> stream.Interface:
         """The items for which colours are evaluated: those of `survivors`, or in machines with joint frames fewer, with `keep`.

@@ -88,6 +88,7 @@ class PixelWriter(wiring.Component):
         m = Module()
         packed, packed_room = Signal(), Signal()
         line, start, left, below = self._pack(m, packed, packed_room)
+        base = self._base(m)
 
         lanes, slots = self.config.array_x, self.config.array_x * PIXEL_WORDS + WORDS  # space to shift into
         held, inside = Signal(WORD_BITS * slots, reset_less=True), Signal(slots)
@@ -109,7 +110,7 @@ class PixelWriter(wiring.Component):
             m.d.sync += inside.eq(Mux(packed, mask << place, 0))
             with m.If(packed):
                 m.d.sync += held.eq(Mux(place[2], by_word << WORD_BITS * PIXEL_WORDS, by_word))
-                m.d.sync += beat.eq(self._base(m) + Mux(display, start >> 3, start >> 1))
+                m.d.sync += beat.eq(base + Mux(display, start >> 3, start >> 1))
         with m.Elif(self.writes.ready):
             m.d.sync += [inside.eq(inside >> WORDS), held.eq(held >> WORD_BITS * WORDS), beat.eq(beat + 1)]
         out = self.writes.payload
