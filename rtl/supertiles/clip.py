@@ -62,8 +62,7 @@ class SuperTileClip(wiring.Component):
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        left = Signal(COUNT_BITS + self._joint)  # splats of the super-tile that are to come
-        final, taken = Signal(), Signal()
+        left, final, taken = Signal(COUNT_BITS + self._joint), Signal(), Signal()  # left: the super-tile's splats to come
         start = {axis: Signal(TILE_BITS, name=f"start_{axis}", reset_less=True) for axis in "xy"}
         out, item, tile = self.clipped, self.splats.payload, self.supertiles.payload
         m.d.comb += [

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from golden.msv2_ref.batches import FrameBatches
+from golden.msv2_ref.joint import JointFrame
+from golden.msv2_ref.joint_batches import JointBatches
 from golden.msv2_ref.pipeline import Frame
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
@@ -38,6 +40,18 @@ def stream_ops(frame: Frame) -> list[int]:
         ops.append(frame.config.blocks * (
             len(use) + int((use == 3).sum()) + background + 2 * len(final) - int(final.sum())))
     return ops
+
+
+def joint_ops(frame: JointFrame) -> int:
+    """Upper bound on the operations of all arrays in a joint frame, of both eyes."""
+    total, batches = 0, JointBatches(frame)
+    background = sum(int((1 + eye.headers["blend"].astype(int)).sum()) for eye in frame.eyes)
+    for stream in range(frame.config.streams):
+        visits = batches.stream_visits(stream)
+        owner = np.repeat(visits.eye, np.diff(visits.start))
+        use = np.concatenate([eye.entries.use[visits.order[owner == n]] for n, eye in enumerate(frame.eyes)])
+        total += len(use) + int((use == 3).sum()) + background + 2 * len(visits.final) - int(visits.final.sum())
+    return frame.config.blocks * total
 
 
 def array_ops(frame: Frame) -> int:
