@@ -63,6 +63,8 @@
 #define MSV2_MACHINE_UNITS 0x010u
 #define MSV2_MACHINE_UNITS_CULLING_UNITS_SHIFT 0
 #define MSV2_MACHINE_UNITS_CULLING_UNITS_MASK 0x000000FFu
+#define MSV2_MACHINE_UNITS_JOINT_SHIFT 8
+#define MSV2_MACHINE_UNITS_JOINT_MASK 0x00000100u
 #define MSV2_MACHINE_UNITS_MERGE_WAYS_SHIFT 16
 #define MSV2_MACHINE_UNITS_MERGE_WAYS_MASK 0x00FF0000u
 #define MSV2_MACHINE_UNITS_WARP_LANES_SHIFT 24
@@ -346,26 +348,29 @@
 /* 1: the source eye is the right one (only with stereo) (read, write): 1-bit unsigned */
 #define MSV2_SOURCE_RIGHT 0x1E0u
 
-/* the target eye's centre relative to the model's origin, number 0 of 3 (only with stereo) (read,
-   write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
+/* the target eye's centre relative to the model's origin, number 0 of 3 (only with stereo or joint
+   frames) (read, write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits;
+   exponent 0 is zero */
 #define MSV2_TARGET_POSITION_0 0x1E4u
 
-/* the target eye's centre relative to the model's origin, number 1 of 3 (only with stereo) (read,
-   write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
+/* the target eye's centre relative to the model's origin, number 1 of 3 (only with stereo or joint
+   frames) (read, write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits;
+   exponent 0 is zero */
 #define MSV2_TARGET_POSITION_1 0x1E8u
 
-/* the target eye's centre relative to the model's origin, number 2 of 3 (only with stereo) (read,
-   write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits; exponent 0 is zero */
+/* the target eye's centre relative to the model's origin, number 2 of 3 (only with stereo or joint
+   frames) (read, write): 28-bit float: sign, 8 exponent bits of bias 127, 19 fraction bits;
+   exponent 0 is zero */
 #define MSV2_TARGET_POSITION_2 0x1ECu
 
 /* disparity where depth saturates, in units of 2^-14 pixels (`spec.stereo.DISPARITY_SCALE_FRAC`)
    (only with stereo) (read, write): 24-bit unsigned */
 #define MSV2_DISPARITY_SCALE 0x1F0u
 
-/* beat address (only with stereo) (read, write): 27-bit unsigned */
+/* beat address (only with stereo or joint frames) (read, write): 27-bit unsigned */
 #define MSV2_TARGET_TILES_BASE 0x1F4u
 
-/* beat address (only with stereo) (read, write): 27-bit unsigned */
+/* beat address (only with stereo or joint frames) (read, write): 27-bit unsigned */
 #define MSV2_TARGET_FRAME_BASE 0x1F8u
 
 /* beat address (only with super-tiles) (read, write): 27-bit unsigned */
@@ -374,6 +379,18 @@
 /* 1: the frame of DisplayPixels is packed (`spec.packed`) (only with packed frames) (read, write):
    1-bit unsigned */
 #define MSV2_PACKED 0x200u
+
+/* 1: a joint frame of two eyes; 0: a frame of one eye, which ignores the settings of the target and
+   those below (only with joint frames) (read, write): 1-bit unsigned */
+#define MSV2_JOINT 0x204u
+
+/* tiles by which the source's points lie further right in the target (`spec.joint`); must be -8..8,
+   where `joint` is 1 (only with joint frames) (read, write): 5-bit signed */
+#define MSV2_SHIFT 0x208u
+
+/* 1: the target has the source's colours; 0: each eye has its own (only with joint frames) (read,
+   write): 1-bit unsigned */
+#define MSV2_SHARED_COLOUR 0x20Cu
 
 /* Counters */
 

@@ -129,7 +129,8 @@ def _draw_joint(args: argparse.Namespace, request: Request, config: AcceleratorC
         stats.update(compare_with_oracle(frame, request))
     joint.save_pictures(out, both)
     _finish(args, request, frame, stats, out)
-    print(f"both eyes from {stats['stereo']['pairs']:,} pairs; the RTL has no frames of two eyes on such machines yet")
+    rtl = "" if config.joint else f"; the RTL of config {config.name!r} renders one eye, that of 'v3_eyes' both"
+    print(f"both eyes from {stats['stereo']['pairs']:,} pairs{rtl}")
 
 
 def _draw(args: argparse.Namespace, request: Request, config: AcceleratorConfig, work: Work, out: Path) -> None:

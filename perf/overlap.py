@@ -61,7 +61,8 @@ class OverlapCycles:
 
 @step
 def _step_table(b, t, granted):
-    """Reads the table of tiles, four tiles to a beat, a tile a cycle, as `perf.geometry.table_phase` does."""
+    """Reads the tables of tiles, one eye's after the other's, four tiles to a beat, a tile a cycle, as
+    `perf.geometry.table_phase` does."""
     uses_up = b.table_left == 0 or b.table_taken == b.table_tiles - 1
     b.table_taken += b.table_valid
     if (b.table_valid == 0 or uses_up) and bus.offered(b, CHUNKS, t):
@@ -72,7 +73,10 @@ def _step_table(b, t, granted):
     if granted:
         bus.read(b, CHUNKS, b.table_base + b.table_asked)
         b.table_asked += 1
-    if b.table_taken == b.table_tiles and b.bin_from == bus.NEVER:
+    if b.table_taken == b.table_tiles and b.table_next:
+        b.table_base, b.table_next = b.table_next, 0
+        b.table_asked = b.table_left = b.table_valid = b.table_taken = 0
+    elif b.table_taken == b.table_tiles and b.bin_from == bus.NEVER:
         b.bin_from = t + 2  # `done` rises one cycle later and is seen in the cycle after that
 
 
@@ -122,7 +126,7 @@ def overlap_phase(b, s, streams, first, second, limit):
         reads |= own_reads & 1 << GEOMETRY | (own_reads >> CHUNKS & 1) << BIN_CHUNKS
         reader, writer = bus.grant_read(s, t, reads), bus.grant_write(s, t, writes | own_writes)
         b.read_new = b.write_new = 0
-        s.path_held[NEAR] = t & 1 and chunk_units.decoded(b)
+        s.path_held[NEAR] = t & 1 and (b.eye_points != 0 if b.two_eyes else chunk_units.decoded(b))
         s.path_held[PROJECTION] = t & 1 and b.path_full[NEAR] != 0
         s.path_held[ELLIPSE] = t & 1 and b.walked != 0
         before = s.path_in[NEAR], s.path_in[PROJECTION], s.path_in[ELLIPSE]
@@ -168,8 +172,9 @@ def simulate_overlap(
     streams, *second = render_arguments(
         s, trace, config, pixels, shared_colour, plan, supertiles.merge_latency(config, None))
     b = LastingMemory(model).begin(supertiles_bin.layout, SUPERTILE_READ_DEPTHS)
-    b.table_from, b.bin_from = trace.eyes * trace.tiles_y + 1, bus.NEVER
-    b.table_tiles, b.table_base = trace.eyes * trace.eye_tiles, plan.where.tiles
+    b.table_from, b.bin_from = supertiles.clear_cycles(trace, config), bus.NEVER
+    b.table_tiles, b.table_base = trace.eye_tiles, plan.where.tiles
+    b.table_next = plan.where.target_tiles if trace.eyes > 1 else 0
     first = bin_arguments(b, trace, config, _second_set(trace, plan, display or packed))
     binned, drawn = (finished(name, cycles) for name, cycles in zip(
         ("GEOMETRY", "RENDER"), overlap_phase(b, s, streams, first, tuple(second), LIMIT), strict=True))
@@ -183,7 +188,8 @@ def simulate_overlap(
 
 def _second_set(trace: SuperTrace, plan: SuperPlan, display: bool) -> SuperPlan:
     """The plan with directory and pairs of the next frame, which lie behind everything else."""
-    end = plan.where.frame + trace.eyes * frame_beats(trace, DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES)
+    last = plan.where.target_frame if trace.eyes > 1 else plan.where.frame
+    end = last + frame_beats(trace, DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES)
     by = -(-end // _ROW) * _ROW
     where = replace(plan.where, directory=plan.where.directory + by, entries=plan.where.entries + by)
     return replace(plan, where=where)

@@ -13,15 +13,15 @@ from golden.msv2_ref.buckets import Bounds
 from perf import bus, chunk_units, chunks, constants, datapath, geometry, supertiles_bin, supertiles_render
 from perf.model import FrameCycles, MemoryModel, Stage
 from perf.phases import LIMIT, LastingMemory, counts_of, dram_commands, finished, table_cycles
-from perf.supertiles_gather import EMPTY, MISSES, SUPERTILE_BEATS, SURVIVES
-from perf.supertiles_plan import SuperPlan, frame_beats, steady_bounds, super_plan
+from perf.supertiles_gather import SUPERTILE_BEATS
+from perf.supertiles_plan import SuperPlan, steady_bounds, super_plan
 from perf.supertiles_trace import SuperTrace
 from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES
 from spec.memory import BEAT_BYTES, BEAT_ENTRIES, DISPLAY_PIXEL_BYTES, PIXEL_BYTES, colour_beats
 from spec.packed import table_beat
 from spec.queues import LIST_POINTERS, OUTPUT_DRAINS, SUPERTILE_READ_DEPTHS, TILE_TEST_BESIDE
-from spec.records import COUNT_BITS, frame_lists
+from spec.records import COUNT_BITS, frame_lists, frame_supertiles
 from spec.registers import WRITE_CLIENTS, read_clients, stages, write_clients
 from spec.supertiles import check_supertiles, frame_rows
 
@@ -105,14 +105,16 @@ def simulate_supertiles(
     check_trace(trace, config, packed)
     beta, begin = beta if merge else 0, work_clock()
     plan = super_plan(trace, config, steady_bounds(trace, config) if bounds is None else bounds, beta, display or packed)
-    tiles = trace.eyes * trace.eye_tiles
-    memory.wait(trace.eyes * trace.tiles_y + 1)
-    table = table_cycles(memory, tiles, plan.where.tiles, SUPERTILE_READ_DEPTHS)
+    clear = clear_cycles(trace, config)
+    memory.wait(clear)
+    table = table_cycles(memory, trace.eye_tiles, plan.where.tiles, SUPERTILE_READ_DEPTHS)
+    if trace.eyes > 1:
+        table += table_cycles(memory, trace.eye_tiles, plan.where.target_tiles, SUPERTILE_READ_DEPTHS)
     binned, counted = _bin(trace, config, memory, plan)
     drawn, events = _render(
         trace, config, memory, PACKED if packed else int(display), shared_colour, plan,
         max(0, counted - 1 + merge_latency(config, beta) - binned.cycles))
-    phases = {"clear": trace.tiles_y + 1, "table": table, "geometry": binned.cycles, "render": drawn.cycles}
+    phases = {"clear": clear, "table": table, "geometry": binned.cycles, "render": drawn.cycles}
     total, both = sum(phases.values()), (binned, drawn)
     reads, writes = sum(p.reads for p in both), sum(p.writes for p in both)
     reads[bus.TILES] += trace.eyes * -(-trace.eye_tiles // 4)
@@ -147,6 +149,11 @@ def check_trace(trace: SuperTrace, config: AcceleratorConfig, packed: bool) -> N
         raise ValueError(f"trace must be one of a single eye where frames are packed, not of {trace.eyes!r}")
 
 
+def clear_cycles(trace: SuperTrace, config: AcceleratorConfig) -> int:
+    """Cycles before the table of tiles is read, in which joint frames clear the last Gaussian of every list."""
+    return 1 + (trace.tiles_y if trace.eyes == 1 else max(trace.tiles_y, frame_supertiles(config.with_(joint=True))))
+
+
 def merge_latency(config: AcceleratorConfig, beta: int | None) -> int:
     """Cycles from the frame's last pair to the first group, with a merge threshold or, with None, the automatic one."""
     return _TMU_LATENCY + (COUNT_BITS + frame_lists(config).bit_length() + 1 if beta is None else 0)
@@ -174,12 +181,13 @@ def bin_arguments(s: np.record, trace: SuperTrace, config: AcceleratorConfig, pl
     """Initialises a state of the first phase. Returns the arguments of `bin_phase` between the state and the limit."""
     paths = _set_paths(s, config)
     arrays = chunk_units.prepare(s, trace.chunk_count, trace.chunk_read, config, paths, trace.eyes)
-    s.two_eyes = trace.eyes - 1
+    s.two_eyes, s.points_left = trace.eyes - 1, len(trace.point_class) // trace.eyes
     s.list_count = len(plan.lists.counts)
     writes, where = plan.lists.writes, plan.where
     classes = trace.point_class
+    drops = np.zeros(trace.pairs + 1, np.uint8) if trace.pair_drops is None else trace.pair_drops
     return (classes, classes[classes != geometry.NEAR_CULLED], trace.splat_steps, trace.step_groups, trace.step_pairs,
-            trace.step_closes, plan.lists.pair_writes,
+            trace.step_closes, drops, plan.lists.pair_writes,
             np.where(writes < 0, where.directory - 1 - writes, where.entries + writes), plan.lists.flushed, where.chunks,
             where.geometry, *arrays)
 
@@ -216,22 +224,22 @@ def _set_frame(s: np.record, trace: SuperTrace, config: AcceleratorConfig, pixel
     s.array_x, s.row_x, s.read_ahead = config.array_x, frame_rows(config).cores_x, READ_AHEAD
     s.width, s.height, s.tiles_x = trace.width, trace.height, trace.tiles_x
     pixel = DISPLAY_PIXEL_BYTES if pixels else PIXEL_BYTES
-    s.pixel_words, s.eye_tiles, s.eye_beats = pixel // 4, trace.eye_tiles, frame_beats(trace, pixel)
+    s.pixel_words, s.eye_tiles = pixel // 4, trace.eye_tiles
     s.two_eyes, s.super_beats = trace.eyes - 1, trace.eyes * SUPERTILE_BEATS
 
 
-def _gathered(trace: SuperTrace, shared_colour: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """`kinds`, `tested`, `places` and `frees` of `perf.supertiles_gather`, each with an item behind the last. With shared
-    colours, a pair's places of both eyes come with its last survivor."""
-    kinds = np.full((trace.pairs, 1), SURVIVES, np.uint8) if trace.kinds is None else trace.kinds.copy()
-    survives, places = kinds == SURVIVES, trace.eye_places.astype(np.int64)
-    frees = survives & (np.cumsum(survives[:, ::-1], axis=1)[:, ::-1] == 1)
-    if shared_colour:
-        kinds[survives & ~frees] = EMPTY
-        survives, places = frees, np.broadcast_to(places.sum(axis=1, keepdims=True), places.shape)
-    kinds = kinds.reshape(-1)
-    return (np.append(kinds, SURVIVES), np.append(kinds[kinds != MISSES], SURVIVES), np.append(places[survives], 0),
-            np.append(frees[survives], 1).astype(np.uint8))
+def _gathered(trace: SuperTrace, shared: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`lit`, `places` and `frees` of `perf.supertiles_gather`, each with an item behind the last. Where both eyes share
+    colours, the source's survivor brings the places of both."""
+    places = trace.eye_places.astype(np.int64)
+    if shared:
+        lit, places = np.zeros(places.shape, bool), places.sum(axis=1, keepdims=True) * np.ones_like(places)
+        lit[:, 0] = True
+    else:
+        lit = places > 0
+    frees = lit & (np.cumsum(lit[:, ::-1], axis=1)[:, ::-1] == 1)
+    return (np.append(lit.reshape(-1), 1).astype(np.uint8), np.append(places[lit], 0),
+            np.append(frees[lit], 1).astype(np.uint8))
 
 
 def _render(
@@ -270,7 +278,7 @@ def render_arguments(
     s.incremental, s.ring_runs = config.incremental, sorting.ring_runs if sorting.chunk_spill.any() else 0
     s.spill_base, s.ring_beats = where.spill, sorting.ring_runs * config.sort_chunk // BEAT_ENTRIES
     s.way_room[: config.merge_ways] = 32
-    s.frame_base, s.rendered_tiles = where.frame, len(visits.drawn)
+    s.frame_base, s.eye_beats, s.rendered_tiles = where.frame, where.target_frame - where.frame, len(visits.drawn)
     _set_paths(s, config)
     _set_frame(s, trace, config, pixels)
     streams = _new_streams(config)
@@ -287,7 +295,8 @@ def render_arguments(
         merging, keys, sorting.part_runs, sorting.job_start, sorting.job_length, sorting.job_entries, sorting.job_out,
         sorting.job_waits, sorting.way_of, sorting.job_begin, sorting.job_goal, np.append(plan.missed, 0),
         where.chunks + trace.chunk, where.colour + trace.splat.astype(np.int64) * beats,
-        *_gathered(trace, shared_colour), np.append(np.diff(trace.start) * trace.eyes, 0),
+        *_gathered(trace, trace.eyes > 1 and (shared_colour or not trace.sh_degree)),
+        np.append(np.diff(trace.start) * trace.eyes, 0),
         visits.batch_supertile, visits.batch_places, visits.batch_visit, visits.visit_tile, visits.visit_final,
         visits.visit_entry, visits.visit_seen, visits.use, visits.slot, stop, blend, visits.drawn,
         trace.blocks, np.full((trace.streams, len(trace.counts)), bus.NEVER, np.int64),

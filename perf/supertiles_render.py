@@ -57,7 +57,7 @@ def _arrays(s, streams, t, granted, batch_visit, visit_tile, visit_final, visit_
 def render_cycle(
     s, streams, t, reader, writer, ways, list_counts, list_lasts, list_ends, page_beat, page_start, group_end, chunk_length,
     chunk_spill, chunk_last, chunk_ends, arrival, stages, keys, part_runs, job_start, job_length, job_entries, job_out,
-    job_waits, way_of, job_begin, job_goal, missed, header_beat, record_beat, kinds, tested, places, frees, pair_counts,
+    job_waits, way_of, job_begin, job_goal, missed, header_beat, record_beat, lit, places, frees, pair_counts,
     batch_supertile, batch_places, batch_visit, visit_tile, visit_final, visit_entry, visit_seen, use, slot, stop, blend,
     drawn, sizes, done, pending, tile_times,
 ):
@@ -74,8 +74,8 @@ def render_cycle(
         blend, drawn, sizes, pending, done, tile_times)
     taken = supertiles_batch.places_taken(s, t)
     supertiles_batch.step_fill(s, streams, t, taken, batch_supertile, batch_places)
-    supertiles_gather.step_colour(s, t, taken, places, frees)
-    supertiles_gather.step_project(s, t, kinds, tested)
+    supertiles_gather.step_colour(s, t, taken, lit, places, frees)
+    supertiles_gather.step_project(s, t)
     supertiles_gather.step_supertiles(s, t, reader == TILES, pair_counts)
     supertiles_gather.step_join(s, t, missed)
     supertiles_gather.step_ask(s, t, reader == COLOUR, missed, record_beat)

@@ -1,11 +1,12 @@
 """AcceleratorConfig: the one parameter object from which the golden renderer, the RTL and the reports are made.
 
 V3 is our machine: the resources of the paper, a model in spatial order, read in chunks of compact records, and lists by
-super-tile (`spec.supertiles`). Its RTL renders one eye. DEFAULT is V3 with fewer front-end units and a narrower row, HEADSET
-V3 with a wider one. V3_PACKED packs its frames (`spec.packed`), V3_STREAMS has four arrays. PAPER reproduces the machine of
-the paper (section 7, "Hardware Implementation"), whose lists belong to tiles; it and variants of it render two eyes. TINY,
-TINY_V3 and TINY_STREAMS are for fast simulation. PRECISE, BALANCED and FAST are V3 with the word lengths and SH degrees that
-lost at most 0.01, 0.1 and 0.5 dB of PSNR on PAPER (docs/tradeoff.md).
+super-tile (`spec.supertiles`). It renders one eye. DEFAULT is V3 with fewer front-end units and a narrower row, HEADSET
+V3 with a wider one. V3_PACKED packs its frames (`spec.packed`), V3_STREAMS has four arrays, and V3_EYES renders two eyes from
+one set of lists (`spec.joint`). PAPER reproduces the machine of the paper (section 7, "Hardware Implementation"), whose lists
+belong to tiles; it and variants of it warp the second eye. TINY, TINY_V3, TINY_STREAMS and TINY_EYES are for fast simulation.
+PRECISE, BALANCED and FAST are V3 with the word lengths and SH degrees that lost at most 0.01, 0.1 and 0.5 dB of PSNR on PAPER
+(docs/tradeoff.md).
 """
 
 from __future__ import annotations
@@ -87,7 +88,7 @@ class AcceleratorConfig:
         records: the format of a Gaussian in memory, "wide" or "compact"; the second needs chunks.
         lists: "tile": every tile has a list of its intersections, and splat records are stored in memory. "supertile": every
             super-tile has lists, and records are gathered and projected again (`spec.supertiles`); this needs compact records,
-            and its RTL renders one eye only. The five parameters below matter in such machines alone, `splat_cache_lines` in
+            and excludes `stereo`. The five parameters below matter in such machines alone, `splat_cache_lines` in
             the others alone.
         list_heads: number of lists, at least that of super-tiles in a frame of `row_width` by `row_width` pixels.
         buckets: whether a super-tile may have several lists, by depth.
@@ -96,6 +97,8 @@ class AcceleratorConfig:
         streams: number of arrays among which the cores are divided, 1 or 4. Each of four arrays renders a quarter of every tile
             and takes a stream of its own from the batch buffer (`spec.supertiles`).
         packed: whether the machine can pack frames for displays (`spec.packed`); this needs lists by super-tile.
+        joint: whether the machine renders joint frames of two eyes (`spec.joint`) besides frames of one; this needs lists by
+            super-tile, and excludes `packed`.
         formats: number formats.
     """
 
@@ -132,6 +135,7 @@ class AcceleratorConfig:
     batch_places: int = 512
     streams: int = 1
     packed: bool = False
+    joint: bool = False
     formats: NumberFormats = field(default_factory=NumberFormats)
 
     def __post_init__(self) -> None:
@@ -161,7 +165,7 @@ class AcceleratorConfig:
             if getattr(self, name) & (getattr(self, name) - 1):
                 raise ValueError(f"{name} must be a power of two, not {getattr(self, name)!r}")
         for name in ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks", "buckets",
-                     "lockstep", "packed"):
+                     "lockstep", "packed", "joint"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"{name} must be a bool, not {getattr(self, name)!r}")
         for name, accepted in (("warp_fill", WARP_FILLS), ("order", ORDERS), ("records", RECORDS), ("lists", LISTS)):
@@ -179,9 +183,11 @@ class AcceleratorConfig:
             raise ValueError("stereo must be False in a machine with lists by super-tile: `paper` renders two eyes")
         if self.streams not in (1, MOST_STREAMS):
             raise ValueError(f"streams must be 1 or {MOST_STREAMS}, not {self.streams!r}")
-        for name, has in (("streams", self.streams > 1), ("packed frames", self.packed)):
+        for name, has in (("streams", self.streams > 1), ("packed frames", self.packed), ("joint frames", self.joint)):
             if has and not self.supertiles:
                 raise ValueError(f"lists must be 'supertile' in a machine with {name}, not {self.lists!r}")
+        if self.joint and self.packed:
+            raise ValueError("packed must be False in a machine with joint frames: it packs none of two eyes")
         if self.stereo and not self.depth:
             raise ValueError(f"depth must be True in a machine with stereo, not {self.depth!r}")
         sigma = self.support_sigma
@@ -297,6 +303,8 @@ V3_RECORDS = V3.with_(name="v3_records", lists="tile")
 V3_PACKED = V3.with_(name="v3_packed", packed=True)
 V3_STREAMS = V3.with_(name="v3_streams", streams=4)
 TINY_STREAMS = TINY_V3.with_(name="tiny_streams", cores_x=8, cores_y=8, streams=4)
+V3_EYES = V3.with_(name="v3_eyes", joint=True)
+TINY_EYES = TINY_V3.with_(name="tiny_eyes", joint=True)
 DEFAULT = V3.with_(name="default", culling_units=2, row_width=1280)
 HEADSET = V3.with_(name="headset", row_width=2208, list_heads=2048)
 """V3 for the eye of a headset, 2064 by 2208 pixels."""
@@ -317,6 +325,6 @@ PRESETS = {config.name: config for config in (PRECISE, BALANCED, FAST)}
 CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER, V3, *PRESETS.values())}
 
 MACHINES = CONFIGS | {config.name: config for config in (
-    TINY_V3, TINY_STREAMS, PAPER_BASE, PAPER_SMALL, V3_RECORDS, V3_PACKED, V3_STREAMS, HEADSET)}
+    TINY_V3, TINY_STREAMS, TINY_EYES, PAPER_BASE, PAPER_SMALL, V3_RECORDS, V3_PACKED, V3_STREAMS, V3_EYES, HEADSET)}
 """What command lines take as a machine's name: those above, small ones for tests, the paper's baseline, PAPER with a smaller
 front end, and the steps from PAPER to V3 and beyond."""

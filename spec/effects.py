@@ -99,13 +99,26 @@ def with_two_eyes(config: AcceleratorConfig) -> AcceleratorConfig:
     """`config` with the warp unit, for frames of two eyes.
 
     Raises:
-        InputError: a machine with lists by super-tile has no warp unit, and its RTL renders one eye only; the integer renderer
-            has joint frames (`spec.joint`).
+        InputError: a machine with lists by super-tile has no warp unit; it may have joint frames (`with_joint_frames`).
     """
     if config.supertiles:
-        raise InputError(f"two eyes are not accepted: config {config.name!r} has lists by super-tile and its RTL renders one "
-                         "eye; config 'paper' renders two")
+        raise InputError(f"two eyes are not accepted: config {config.name!r} has lists by super-tile and warps no second eye; "
+                         "config 'paper' does, and config 'v3_eyes' renders joint frames")
     return config.with_(stereo=True)
+
+
+def with_joint_frames(config: AcceleratorConfig) -> AcceleratorConfig:
+    """`config`, whose RTL renders joint frames of two eyes (`spec.joint`).
+
+    Raises:
+        InputError: the RTL renders one eye, or warps the second; the integer renderer has joint frames for every machine with
+            super-tiles.
+    """
+    if not config.joint:
+        raise InputError(f"two eyes are not accepted: the RTL of config {config.name!r} has no joint frames; config 'v3_eyes' "
+                         "has them, and so does a machine with lists by super-tile and `joint=true`; config 'paper' warps the "
+                         "second eye")
+    return config
 
 
 def with_packed_frames(config: AcceleratorConfig) -> AcceleratorConfig:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from spec.config import AcceleratorConfig
-from spec.constants import MAX_LEVELS, MAX_SH_DEGREE
-from spec.memory import frame_settings
+from spec.constants import MAX_LEVELS, MAX_SH_DEGREE, SUPER_X
+from spec.memory import SHIFT_BITS, frame_settings
 from spec.records import Field
 
 
@@ -27,11 +27,12 @@ class Setting:
 
 @dataclass(frozen=True)
 class Limit:
-    """The limits low..high of a setting's bit pattern, read as an unsigned number.
+    """The limits low..high of a setting's bit pattern, read as an unsigned number. Where `low` is larger than `high`, they are
+    those of a signed number: patterns from `low` on and up to `high` are legal.
 
     Attributes:
         setting: name of the setting.
-        low, high: least and largest legal pattern.
+        low, high: least and largest legal pattern, or those of the smallest and of the largest legal number.
         words: the limits in words, for readers.
         where: name of a setting of one bit; the limits apply only where that setting is 1. If empty, they always apply.
     """
@@ -44,16 +45,18 @@ class Limit:
 
     def allows(self, pattern: int) -> bool:
         """Whether a bit pattern is legal."""
+        if self.low > self.high:
+            return pattern >= self.low or pattern <= self.high
         return self.low <= pattern <= self.high
 
 
-def with_every_register(config: AcceleratorConfig) -> tuple[AcceleratorConfig, AcceleratorConfig]:
-    """Two machines that together have the registers of all machines with the same number formats: one with chunks and stereo,
-    and one with lists by super-tile, which excludes stereo, and packed frames. Registers of the second alone have the higher
-    addresses."""
-    chunked = config.with_(lockstep=False, streams=1, lists="tile", order="spatial", chunks=True, packed=False)
-    return chunked.with_(depth=True, stereo=True), chunked.with_(
-        stereo=False, records="compact", lists="supertile", packed=True)
+def with_every_register(config: AcceleratorConfig) -> tuple[AcceleratorConfig, AcceleratorConfig, AcceleratorConfig]:
+    """Three machines that together have the registers of all machines with the same number formats: one with chunks and stereo,
+    one with lists by super-tile, which exclude stereo, and packed frames, and one with joint frames, which exclude packed ones.
+    Registers that a later one has and no earlier one have the higher addresses."""
+    chunked = config.with_(lockstep=False, streams=1, lists="tile", order="spatial", chunks=True, packed=False, joint=False)
+    supertiles = chunked.with_(stereo=False, records="compact", lists="supertile")
+    return chunked.with_(depth=True, stereo=True), supertiles.with_(packed=True), supertiles.with_(joint=True)
 
 
 def settings(config: AcceleratorConfig) -> tuple[Setting, ...]:
@@ -84,6 +87,8 @@ def limits(config: AcceleratorConfig) -> tuple[Limit, ...]:
         *([Limit("sh_degree", 0, config.sh_degree, f"0..{config.sh_degree}")] if config.sh_degree < MAX_SH_DEGREE else []),
         *([] if config.supertiles else [Limit("view_shift", 0, shift, f"0..{shift}")]),
         *(Limit("display", 1, 1, f"1 where `{name}` is", where=name) for name in ("stereo", "packed") if getattr(config, name)),
+        *([Limit("shift", (1 << SHIFT_BITS) - SUPER_X, SUPER_X, f"-{SUPER_X}..{SUPER_X}, where `joint` is 1", where="joint")]
+          if config.joint else []),
     )
 
 

@@ -46,7 +46,8 @@ has it. `pairs`, `header_hits`, `header_misses`, `batches` and `groups` count wh
 
 **Refused.** A machine whose lists belong to tiles; it renders two eyes by warping. A frame with more joint super-tiles than
 the machine has lists: a shift can take one column more than a frame of one eye. A shift beyond SHIFT_MOST. Warping is not a
-part of joint frames. The RTL has no joint frames yet: it renders two eyes on machines with lists by tile alone.
+part of joint frames. The RTL of machines with `config.joint` renders joint frames; the integer renderer and the cycle model do
+so for every machine with super-tiles.
 """
 
 from __future__ import annotations

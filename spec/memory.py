@@ -8,7 +8,8 @@ All data moves in beats of 32 bytes, one LPDDR3 burst each, and every transactio
                 CompactHarmonics, one beat, where the model has harmonics
     tiles       TileSetting, 8 bytes per tile, row-major; the host writes this table for each gaze
     supertiles  with lists by super-tile, the same settings once more: SUPER_TILES of each super-tile, row-major; super-tiles
-                row-major, too; tiles beyond the frame are 0
+                row-major, too; tiles beyond the frame are 0; in joint frames (`spec.joint`) those of the source's tiles of each
+                joint super-tile, and those of the target's behind them
     views       splat records (SplatRecord), one beat each; that of Gaussian i for tiles of level L lies at beat
                 (i << view_shift) + L; only Gaussians with an intersection have any; machines with lists by super-tile have none
     entries     intersections (Intersection), 8 bytes each, in pages by tile; a directory of those pages has its own base; with
@@ -18,7 +19,8 @@ All data moves in beats of 32 bytes, one LPDDR3 burst each, and every transactio
                 or with `packed` a packed frame (`spec.packed`)
 
 A frame of two eyes has a second table and a second frame, of DisplayPixels, for the target eye. Splat records, intersections
-and spilled runs of the target eye replace those of the source eye, in the same regions.
+and spilled runs of the target eye replace those of the source eye, in the same regions. A joint frame has a second table and a
+second frame, too, whose pixels have the format of the source's.
 
 **Pages.** The intersections of a tile fill pages of doubling size: page k holds FIRST_PAGE_ENTRIES << k of them. Intersection
 number n of a tile lies in page k, where k is the position of the top bit of (n + FIRST_PAGE_ENTRIES) / FIRST_PAGE_ENTRIES, at
@@ -33,7 +35,8 @@ from __future__ import annotations
 import numpy as np
 
 from spec.config import AcceleratorConfig
-from spec.constants import ENTRY_BYTES
+from spec.constants import ENTRY_BYTES, SUPER_X
+from spec.formats import SQ
 from spec.records import COUNT_BITS, INDEX_BITS, Field, Record, gaussian_colour, uint
 from spec.stereo import DISPARITY_SCALE_BITS
 
@@ -69,6 +72,9 @@ DIRECTORY_BEATS = DIRECTORY_SLOTS * 4 // BEAT_BYTES
 
 TILE_ENTRIES_MOST = (FIRST_PAGE_ENTRIES << DIRECTORY_SLOTS + 1) - FIRST_PAGE_ENTRIES
 """Intersections that all pages of a tile hold."""
+
+SHIFT_BITS = SUPER_X.bit_length() + 1
+"""Bits of the setting `shift`, which holds -SUPER_X..SUPER_X."""
 
 TILE_SETTING_BYTES = 8
 """Bytes of a TileSetting in the host's table."""
@@ -215,9 +221,10 @@ def frame_settings(config: AcceleratorConfig) -> Record:
         Field("display", uint(1), "1: the frame consists of DisplayPixels; 0: of FramePixels"),
         beat("frame_base"),
         *(_chunk_settings(config) if config.chunks else ()),
-        *(_stereo_settings(config) if config.stereo else ()),
+        *(_stereo_settings(config) if config.stereo else _target_settings(config) if config.joint else ()),
         *([beat("supertiles_base")] if config.supertiles else []),
         *([Field("packed", uint(1), "1: the frame of DisplayPixels is packed (`spec.packed`)")] if config.packed else []),
+        *(_joint_settings() if config.joint else ()),
     ))
 
 
@@ -235,16 +242,32 @@ def _chunk_settings(config: AcceleratorConfig) -> tuple[Field, ...]:
     )
 
 
-def _stereo_settings(config: AcceleratorConfig) -> tuple[Field, ...]:
-    """Additional settings of a frame of two eyes; all other settings hold for both eyes."""
+def _target_settings(config: AcceleratorConfig) -> tuple[Field, ...]:
+    """Settings of the target eye."""
     return (
-        Field("stereo", uint(1), "1: a frame of two eyes; 0: a frame of one eye, which ignores the settings below"),
-        Field("source_right", uint(1), "1: the source eye is the right one"),
         Field("target_position", config.formats.view, "the target eye's centre relative to the model's origin", 3),
-        Field("disparity_scale", uint(DISPARITY_SCALE_BITS),
-              "disparity where depth saturates, in units of 2^-14 pixels (`spec.stereo.DISPARITY_SCALE_FRAC`)"),
         beat("target_tiles_base"), beat("target_frame_base"),
     )
+
+
+def _stereo_settings(config: AcceleratorConfig) -> tuple[Field, ...]:
+    """Additional settings of a frame of two eyes; all other settings hold for both eyes."""
+    position, *bases = _target_settings(config)
+    return (
+        Field("stereo", uint(1), "1: a frame of two eyes; 0: a frame of one eye, which ignores the settings below"),
+        Field("source_right", uint(1), "1: the source eye is the right one"), position,
+        Field("disparity_scale", uint(DISPARITY_SCALE_BITS),
+              "disparity where depth saturates, in units of 2^-14 pixels (`spec.stereo.DISPARITY_SCALE_FRAC`)"), *bases)
+
+
+def _joint_settings() -> tuple[Field, ...]:
+    """Additional settings of a joint frame (`spec.joint`), which has those of the target eye as well."""
+    return (
+        Field("joint", uint(1), "1: a joint frame of two eyes; 0: a frame of one eye, which ignores the settings of the target "
+              "and those below"),
+        Field("shift", SQ(SHIFT_BITS - 1, 0), "tiles by which the source's points lie further right in the target "
+              "(`spec.joint`)"),
+        Field("shared_colour", uint(1), "1: the target has the source's colours; 0: each eye has its own"))
 
 
 def _size(record: Record, limit: int) -> None:

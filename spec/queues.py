@@ -54,6 +54,10 @@ RECORD_BEATS = 256
 """Most beats of records that wait for the colour unit while their pairs pass projection and tile test. These take about 220
 cycles, in each of which a beat comes."""
 
+COLOURS_BESIDE = 8
+"""Most splats between the datapath of harmonics and the places of the batch buffer, in machines with joint frames, where what
+is known of a splat besides its colour waits beside that datapath."""
+
 COLOUR_LOOKAHEAD = 128
 """Cycles of memory latency that the colour unit hides by reading ahead."""
 
@@ -85,8 +89,8 @@ HEADERS = 16
 """Most headers that wait for the array while the splat fetch unit works ahead of it."""
 
 SUPERTILES_AHEAD = 2
-"""Super-tiles that wait for the batch buffer while pairs behind them are projected again. Each keeps the array for 256 cycles
-or more, and projection, tile test and colours take about as long."""
+"""Super-tiles, in joint frames those of both eyes, that wait for the batch buffer while pairs behind them are projected again.
+Each keeps the array for 256 cycles or more, and projection, tile test and colours take about as long."""
 
 LISTS_AHEAD = 32
 """Lists that wait for the list reader while the super-tile reader already has them: as many as a super-tile has at most. A

@@ -107,6 +107,11 @@ TILE_BITS = 10
 """Bits of a tile's column or row: enough for frames of 16,384 pixels on a side."""
 
 
+def eye(config: AcceleratorConfig) -> tuple[Field, ...]:
+    """Field of records of which a joint frame has one for each eye (`spec.joint`); nothing in machines without such frames."""
+    return (Field("eye", uint(1), "the eye: 0 the source, or the only one; 1 the target"),) if config.joint else ()
+
+
 def gaussian_geometry(config: AcceleratorConfig) -> Record:
     """The first half of a Gaussian in memory, one 32-byte beat. It is read for every Gaussian."""
     n = config.formats
@@ -186,6 +191,7 @@ def pixel_op(config: AcceleratorConfig) -> Record:
         start = (Field("load", uint(1), "first op of a visit: every pixel takes its state"),)
         drain = "last op of a visit: the tile's rows leave the array after it, to the state memory unless `last` is set"
         place = (Field("place", uint((SUPER_TILES - 1).bit_length()), "number of the tile in its super-tile"),
+                 *eye(config),
                  Field("fresh", uint(1), "of a load: the state starts anew; 0: it comes from the state memory"))
     return Record("PixelOp", pixel_op.__doc__, (
         Field("exponent", n.exponent, "exponent of alpha at the first pixel of the tile, with streams of its quarter, half an "
@@ -218,6 +224,7 @@ def pixel_row(config: AcceleratorConfig) -> Record:
         Field("colour", n.accumulator, "r, g, b of each pixel, background included", 3 * lanes),
         Field("depth", n.depth_accumulator, "sum of weight * depth of each pixel, not yet divided by the coverage", lanes),
         Field("transmittance", n.transmittance, "what is left at the end of each pixel; coverage is 1 minus it", lanes),
+        *eye(config),
     ))
 
 
@@ -232,9 +239,10 @@ def tile_index(config: AcceleratorConfig) -> Fixed:
 
 
 def frame_supertiles(config: AcceleratorConfig) -> int:
-    """Largest number of super-tiles of a frame, whose height is at most `row_width`, too."""
+    """Largest number of super-tiles of a frame, whose height is at most `row_width`, too. A joint frame may have one column
+    more."""
     tiles = -(-config.row_width // TILE)
-    return -(-tiles // SUPER_X) * -(-tiles // SUPER_Y)
+    return (-(-tiles // SUPER_X) + config.joint) * -(-tiles // SUPER_Y)
 
 
 def frame_lists(config: AcceleratorConfig) -> int:
@@ -324,6 +332,14 @@ def gaussian_point(config: AcceleratorConfig) -> Record:
     ))
 
 
+def eye_point(config: AcceleratorConfig) -> Record:
+    """A Gaussian on its way into projection in a machine with joint frames: once for each eye."""
+    return Record("EyePoint", eye_point.__doc__, (
+        *gaussian_point(config).fields,
+        Field("position", config.formats.view, "the eye's centre relative to the model's origin", 3), *eye(config),
+    ))
+
+
 def _projection(config: AcceleratorConfig) -> tuple[Field, ...]:
     """What projection finds of a splat, as later stages use it."""
     n = config.formats
@@ -348,6 +364,7 @@ def projected_splat(config: AcceleratorConfig) -> Record:
         Field("last_x", tile, "last tile column"),
         Field("first_y", tile, "first tile row"),
         Field("last_y", tile, "last tile row"),
+        *([*eye(config), Field("none", uint(1), "the splat is culled in this eye; it has no tile")] if config.joint else []),
         Field("end", uint(1), "all splats of the frame have come; the rest means nothing"),
     ))
 
@@ -359,6 +376,7 @@ def surviving_splat(config: AcceleratorConfig) -> Record:
         Field("levels", uint(MAX_LEVELS), "levels of the tiles in which it has intersections, one bit per level"),
         *([Field("mask", uint(SUPER_TILES), "tiles of the super-tile in which it has intersections, one bit each; with "
                  "streams, those whose quarter it meets, for each stream", config.streams)] if config.supertiles else []),
+        *eye(config),
         Field("end", uint(1), "all splats of the frame have come; the rest means nothing"),
     ))
 
@@ -371,6 +389,7 @@ def tile_level(config: AcceleratorConfig) -> Record:
         Field("blend", uint(1), "the tile blends its level with the next"),
         *([Field("rendered", uint(1), "the tile is rendered; intersections of tiles that are not are dropped")]
           if config.stereo else []),
+        *eye(config),
     ))
 
 

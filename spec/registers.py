@@ -46,7 +46,7 @@ MAGIC = 0x4D535632
 
 VERSION_MAJOR, VERSION_MINOR = 4, 0
 """Of this map. A higher minor version only adds registers; machines with stereo have the next one, which is odd, and machines
-that pack frames the one after. In version 3
+that pack frames the one after, and machines with joint frames the fourth. In version 3
 every machine had the settings, memory clients and counters of splat records in memory, which machines with lists by super-tile
 do not have, and `machine_frame` and `machine_cache` had one number each, which filled the register. Version 2 had
 no machines with chunks, whose settings and counters stand before those of stereo: these have moved. Version 1 had a field
@@ -273,13 +273,15 @@ def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
 
 
 def fingerprint(config: AcceleratorConfig) -> int:
-    """A hash of 32 bits that differs where two machines differ in any parameter but their names."""
-    return int.from_bytes(hashlib.sha256(repr(config.with_(name="any")).encode()).digest()[:4], "little")
+    """A hash of 32 bits that differs where two machines differ in any parameter but their names. A machine without joint frames
+    has that of the same machine from before there were any."""
+    text = repr(config.with_(name="any")).replace("joint=False, ", "")
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "little")
 
 
 def version_minor(config: AcceleratorConfig) -> int:
     """The minor version of a machine's map."""
-    return VERSION_MINOR + config.stereo + 2 * config.packed
+    return VERSION_MINOR + config.stereo + 2 * config.packed + 4 * config.joint
 
 
 def identity(config: AcceleratorConfig) -> dict[str, int]:
@@ -289,7 +291,7 @@ def identity(config: AcceleratorConfig) -> dict[str, int]:
             config.cores_x, config.cores_y, config.levels, config.depth, config.incremental, config.counters, config.stereo,
             config.sh_degree, config.blend, config.chunks, config.compact, config.supertiles, config.packed,
             config.streams > 1),
-        "machine_units": (config.culling_units, config.merge_ways, config.warp_lanes if config.stereo else 0),
+        "machine_units": (config.culling_units, config.joint, config.merge_ways, config.warp_lanes if config.stereo else 0),
         "machine_frame": (config.row_width, *((config.list_heads, config.buckets) if config.supertiles else (0, 0))),
         "machine_cache": (config.header_lines, config.batch_places) if config.supertiles else (config.splat_cache_lines, 0),
     }
@@ -317,7 +319,8 @@ _IDENTITY = (
         Bits("packed", 30, 1, "frames for displays may be packed"),
         Bits("streams", 31, 1, "four arrays, each with a stream of its own"))),
     Register("machine_units", 0x010, Access.READ_ONLY, "parameters of the units around the array", (
-        Bits("culling_units", 0, 8, "culling and conversion units"), Bits("merge_ways", 16, 8, "runs merged at a time"),
+        Bits("culling_units", 0, 8, "culling and conversion units"),
+        Bits("joint", 8, 1, "frames of two eyes in one set of lists"), Bits("merge_ways", 16, 8, "runs merged at a time"),
         Bits("warp_lanes", 24, 8, "rows warped side by side; 0 without stereo"))),
     Register("machine_frame", 0x014, Access.READ_ONLY, "largest frame", (
         Bits("row_width", 0, 16, "widest row in pixels"),

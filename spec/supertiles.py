@@ -85,6 +85,7 @@ from spec.records import (
     Field,
     Record,
     array_splat,
+    eye,
     frame_lists,
     frame_supertiles,
     tile_header,
@@ -129,12 +130,15 @@ def supertile_pair(config: AcceleratorConfig) -> Record:
         Field("index", uint(INDEX_BITS), "chunk and place of the Gaussian"),
         Field("depth_key", config.formats.depth_key, "sort key"),
         Field("supertile", uint(supertile_index(config)), "super-tile"),
+        *eye(config),
         Field("end", uint(1), "all pairs of the frame have come; the rest means nothing"),
     ))
 
 
 def supertile(config: AcceleratorConfig) -> Record:
-    """A super-tile before its pairs; one per super-tile, empty ones too, in order."""
+    """A super-tile before its pairs; one per super-tile, empty ones too, in order. In a joint frame two per super-tile, first
+    with the tiles of the source, then with those of the target; columns are those of the joint super-tiles, and so O[eye] more
+    than those of the eye's frame (`spec.joint`)."""
     setting = {f.name: f for f in tile_setting(config).fields}
     return Record("SuperTile", supertile.__doc__, (
         Field("x", uint(TILE_BITS), "column of its first tile, a multiple of SUPER_X"),
@@ -145,6 +149,7 @@ def supertile(config: AcceleratorConfig) -> Record:
         Field("blend", uint(SUPER_TILES), "tiles that blend their level with the next, one bit each"),
         Field("plane", setting["plane"].format, "of each tile: blend parameter at the first pixel, its slopes along x and y",
               3 * SUPER_TILES),
+        *eye(config),
     ))
 
 
@@ -155,7 +160,8 @@ def batch_place(config: AcceleratorConfig) -> Record:
         Field("level", uint(2), "the level, 0..3"),
         Field("mask", uint(SUPER_TILES), "tiles of the super-tile, of any level, with an intersection, one bit each; with "
               "streams, those whose quarter it meets, for each stream", config.streams),
-        Field("last", uint(1), "last place of its pair"),
+        *eye(config),
+        Field("last", uint(1), "last place of its pair, of both eyes"),
     ))
 
 
@@ -168,6 +174,7 @@ def tile_visit(config: AcceleratorConfig) -> Record:
         Field("sequence", uint(SEQUENCE_BITS), "number of the super-tile since the last reset, its lowest bits"),
         Field("fresh", uint(1), "the tile's first visit: its state starts anew; 0: it is loaded"),
         Field("final", uint(1), "the tile's last visit: background and rows follow; 0: its state is stored"),
+        *eye(config),
     ))
 
 
@@ -184,6 +191,17 @@ def frame_rows(config: AcceleratorConfig) -> AcceleratorConfig:
     if config.streams == 1:
         return config
     return config.with_(streams=1, cores_x=TILE if 2 * config.array_x == TILE else config.array_x, cores_y=config.array_y)
+
+
+def batch_tiles(config: AcceleratorConfig) -> int:
+    """Tiles to which a batch is dealt, and of which the array has a state: those of a super-tile and, in machines with joint
+    frames, behind those of the source the target's. A tile's number among them is its `place`, with its `eye` above."""
+    return SUPER_TILES << config.joint
+
+
+def batch_tile_bits(config: AcceleratorConfig) -> int:
+    """Bits of a tile's number among those of `batch_tiles`."""
+    return (batch_tiles(config) - 1).bit_length()
 
 
 def check_supertiles(config: AcceleratorConfig) -> None:

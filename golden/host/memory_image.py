@@ -14,15 +14,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from golden.host.joint_registers import JointRegisters
 from golden.host.packed_frame import unpack_blocks
 from golden.host.quantise import GaussianWords
 from golden.host.registers import FrameRegisters
 from golden.host.stereo_registers import StereoRegisters
 from spec.chunks import chunk_header
 from spec.config import AcceleratorConfig
-from spec.constants import SUPER_X, SUPER_Y
-from spec.effects import with_packed_frames, with_two_eyes
+from spec.constants import SUPER_TILES, SUPER_X, SUPER_Y
+from spec.effects import with_joint_frames, with_packed_frames, with_two_eyes
 from spec.formats import SmallFloat
+from spec.joint import grid_origins, joint_columns
 from spec.memory import (
     BEAT_BYTES,
     BEAT_ENTRIES,
@@ -47,8 +49,11 @@ REGIONS = (
 machine writes `views` and those after it. Only machines with chunks have their region, only those with super-tiles have
 `supertiles` and have no `views`, and a frame of one eye has no region of the target's."""
 
-_SECOND_EYE = ("source_right", "target_position", "disparity_scale", "target_tiles_base", "target_frame_base")
+_SECOND_EYE = (
+    "source_right", "target_position", "disparity_scale", "target_tiles_base", "target_frame_base", "shift", "shared_colour")
+"""Settings that a frame of one eye ignores."""
 
+_SUPERTILE_BEATS = SUPER_TILES * TILE_SETTING_BYTES // BEAT_BYTES
 _FIRST_BEAT, _GUARD_BEATS = 3, 5  # no region starts at 0 or at a round number, so that a forgotten base changes the frame
 
 
@@ -143,12 +148,13 @@ class MemoryImage:
         return read_frame(
             self.config, np.fromfile(path, np.uint8), self.width, self.height, display=bool(self.settings["display"]))
 
-    def target_frame(self, path: Path) -> DisplayPixels | None:
+    def target_frame(self, path: Path) -> FramePixels | DisplayPixels | None:
         """Reads the target eye's frame from the same dump; returns None for a frame of one eye."""
         if "target_frame" not in self.regions:
             return None
         begin = BEAT_BYTES * (self.regions["target_frame"].base - self.frames.base)
-        return read_frame(self.config, np.fromfile(path, np.uint8)[begin:], self.width, self.height, display=True)
+        return read_frame(self.config, np.fromfile(path, np.uint8)[begin:], self.width, self.height,
+                          display=bool(self.settings["display"]))
 
     @property
     def frames(self) -> Region:
@@ -192,20 +198,32 @@ def tile_bytes(config: AcceleratorConfig, registers: FrameRegisters, warp: np.nd
     return np.pad(flat, (0, -len(flat) % BEAT_BYTES)).reshape(-1, BEAT_BYTES)
 
 
-def supertile_bytes(config: AcceleratorConfig, registers: FrameRegisters) -> np.ndarray:
+def supertile_bytes(
+    config: AcceleratorConfig, registers: FrameRegisters, *, origin: int = 0, columns: int | None = None,
+) -> np.ndarray:
     """The settings of the tiles of each super-tile, (super-tiles * SUPER_TILES * TILE_SETTING_BYTES / BEAT_BYTES, BEAT_BYTES)
-    uint8: the same as in the table of tiles, and 0 for tiles beyond the frame."""
-    columns, rows = -(-registers.tiles_x // SUPER_X), -(-registers.tiles_y // SUPER_Y)
+    uint8: the same as in the table of tiles, and 0 for tiles beyond the frame. With `columns` columns of super-tiles, the frame
+    begins `origin` columns of tiles right of the first one's left edge."""
+    columns, rows = columns or -(-registers.tiles_x // SUPER_X), -(-registers.tiles_y // SUPER_Y)
     tiles = tile_bytes(config, registers).reshape(-1, TILE_SETTING_BYTES)[: len(registers.header)]
     grid = np.zeros((rows * SUPER_Y, columns * SUPER_X, TILE_SETTING_BYTES), np.uint8)
-    grid[: registers.tiles_y, : registers.tiles_x] = tiles.reshape(registers.tiles_y, registers.tiles_x, TILE_SETTING_BYTES)
+    grid[: registers.tiles_y, origin : origin + registers.tiles_x] = tiles.reshape(
+        registers.tiles_y, registers.tiles_x, TILE_SETTING_BYTES)
     return grid.reshape(rows, SUPER_Y, columns, SUPER_X, TILE_SETTING_BYTES).swapaxes(1, 2).reshape(-1, BEAT_BYTES)
+
+
+def joint_supertile_bytes(config: AcceleratorConfig, joint: JointRegisters) -> np.ndarray:
+    """The same of a joint frame: the beats of each super-tile's source, and behind them those of its target."""
+    columns = joint_columns(joint.source.tiles_x, joint.shift)
+    eyes = [supertile_bytes(config, eye, origin=origin, columns=columns).reshape(-1, _SUPERTILE_BEATS, BEAT_BYTES)
+            for eye, origin in zip(joint.eyes, grid_origins(joint.shift), strict=True)]
+    return np.stack(eyes, 1).reshape(-1, BEAT_BYTES)
 
 
 def memory_image(
     config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters, *, entries_beats: int, spill_beats: int,
     beta: int | None = None, obb: bool = False, display: bool = False, packed: bool = False,
-    gaussians: Mapping[str, np.ndarray] | None = None, second: StereoRegisters | None = None,
+    gaussians: Mapping[str, np.ndarray] | None = None, second: StereoRegisters | JointRegisters | None = None,
 ) -> MemoryImage:
     """Lays out the memory of a frame.
 
@@ -220,17 +238,21 @@ def memory_image(
         display: write the frame in the format for displays.
         packed: pack the frame (`spec.packed`); it then has the format for displays.
         gaussians: `gaussian_bytes` of the words, where several frames share them.
-        second: registers of the target eye, for a frame of two eyes; such a frame always has the format for displays.
+        second: registers of the target eye, for a frame of two eyes; where it is warped, the frame always has the format for
+            displays. JointRegisters are those of both eyes of a joint frame.
 
     Raises:
-        InputError: two eyes are asked of a machine with super-tiles, or a packed frame of a machine that packs none.
+        InputError: two eyes are asked of a machine that renders one, or a packed frame of a machine that packs none.
     """
     if second is not None:
-        with_two_eyes(config)
+        (with_joint_frames if isinstance(second, JointRegisters) else with_two_eyes)(config)
     contents = {**(gaussians or gaussian_bytes(config, words)), "tiles": tile_bytes(config, registers)}
-    if config.supertiles:
+    if isinstance(second, JointRegisters):
+        contents["supertiles"] = joint_supertile_bytes(config, second)
+        contents["target_tiles"] = tile_bytes(config, second.target)
+    elif config.supertiles:
         contents["supertiles"] = supertile_bytes(config, registers)
-    if second is not None:
+    if isinstance(second, StereoRegisters):
         contents["target_tiles"] = tile_bytes(config, second.target, second.warp)
         display = True
     shift = view_shift(registers, *([second.target] if second else []))
@@ -260,17 +282,20 @@ def memory_image(
         settings["packed"] = int(packed)
     if words.chunks is not None:
         settings["chunks"] = len(words.chunks)
-    if config.stereo:
+    if config.stereo or config.joint:
         settings |= _second_eye(config, second) | settings
     return MemoryImage(config, registers.width, registers.height, regions, settings, contents)
 
 
-def _second_eye(config: AcceleratorConfig, second: StereoRegisters | None) -> dict[str, int | list[int]]:
+def _second_eye(config: AcceleratorConfig, second: StereoRegisters | JointRegisters | None) -> dict[str, int | list[int]]:
     """The settings of the target eye, except its bases. For a frame of one eye they get values that must not matter."""
     if second is None:
-        return {"stereo": 0, **{
+        return {"joint" if config.joint else "stereo": 0, **{
             f.name: [f.raw_range[1]] * f.count if f.count > 1 else f.raw_range[1]
             for f in frame_settings(config).fields if f.name in _SECOND_EYE}}
+    if isinstance(second, JointRegisters):
+        return {"joint": 1, "shift": second.shift, "shared_colour": int(second.shared_colour),
+                "target_position": _view_settings(config, second.target)["position"]}
     return {
         "stereo": 1, "source_right": int(second.source_right), "disparity_scale": second.disparity_scale,
         "target_position": _view_settings(config, second.target)["position"]}

@@ -118,6 +118,25 @@ def following(frame: Frame, before: Frame, beta: int | None) -> Frame:
     return replace(frame, bounds=bounds, groups=merge_lists(frame.config, list_counts(frame.pairs, bounds), beta))
 
 
+def supertile_records(frame: Frame, grid: SuperGrid, pairs: np.ndarray) -> np.ndarray:
+    """(super-tiles,) SuperTile records of a frame, or of an eye of a joint frame.
+
+    Args:
+        frame: the frame.
+        grid: how its tiles lie in super-tiles.
+        pairs: (super-tiles,) the number of pairs of each.
+    """
+    r, rows = frame.registers, np.zeros(len(grid.tile), supertile(frame.config).dtype)
+    row, column = np.divmod(np.arange(len(rows)), grid.columns)
+    rows["x"], rows["y"], rows["pairs"] = SUPER_X * column, SUPER_Y * row, pairs
+    bits = 1 << np.arange(SUPER_TILES)
+    rows["inside"] = grid.inside @ bits
+    rows["level"] = np.where(grid.inside, r.header[grid.tile, 0], 0)
+    rows["blend"] = (grid.inside & (r.header[grid.tile, 1] == 1)) @ bits
+    rows["plane"] = np.where(grid.inside[..., None], r.plane[grid.tile], 0).reshape(len(rows), -1)
+    return rows
+
+
 class _Pairs(Protocol):
     """What the pairs of one eye and joint pairs have in common."""
 
@@ -261,16 +280,7 @@ class FrameBatches(PairBatches[Frame, Pairs]):
     @property
     def supertile_records(self) -> np.ndarray:
         """(super-tiles,) SuperTile records."""
-        r, grid = self.frame.registers, self.grid
-        rows = np.zeros(len(grid.tile), supertile(self.frame.config).dtype)
-        row, column = np.divmod(np.arange(len(rows)), grid.columns)
-        rows["x"], rows["y"], rows["pairs"] = SUPER_X * column, SUPER_Y * row, np.diff(self.pairs.start)
-        bits = 1 << np.arange(SUPER_TILES)
-        rows["inside"] = grid.inside @ bits
-        rows["level"] = np.where(grid.inside, r.header[grid.tile, 0], 0)
-        rows["blend"] = (grid.inside & (r.header[grid.tile, 1] == 1)) @ bits
-        rows["plane"] = np.where(grid.inside[..., None], r.plane[grid.tile], 0).reshape(len(rows), -1)
-        return rows
+        return supertile_records(self.frame, self.grid, np.diff(self.pairs.start))
 
     @property
     def place_records(self) -> np.ndarray:

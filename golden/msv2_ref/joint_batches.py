@@ -7,12 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from golden.msv2_ref.batches import PairBatches
+from golden.msv2_ref.batches import PairBatches, supertile_records
+from golden.msv2_ref.frame_memory import records_at
 from golden.msv2_ref.joint import JointFrame, JointPairs
 from golden.msv2_ref.ranges import range_of
 from spec.constants import SUPER_TILES
 from spec.joint import EYES
-from spec.supertiles import SEQUENCE_BITS, tile_visit, visit_entry
+from spec.supertiles import SEQUENCE_BITS, batch_place, tile_visit, visit_entry
 
 
 class JointVisits(NamedTuple):
@@ -76,20 +77,74 @@ class JointBatches(PairBatches[JointFrame, JointPairs]):
         return JointVisits(batch, eye, visited, place, fresh, b.final[batch], np.concatenate(([0], np.cumsum(counts))),
                            here[np.argsort(key, kind="stable")])
 
+    @property
+    def stream_masks(self) -> np.ndarray:
+        """(P, EYES, streams) uint16: for each pair and eye the tiles of the super-tile that each stream takes it to, one bit
+        each."""
+        masks = np.repeat(self.pairs.mask[..., None], self.frame.config.streams, axis=2)
+        for eye, (drawn, grid, pair) in enumerate(zip(self.frame.eyes, self.frame.grids, self.pairs.intersection, strict=True)):
+            if drawn.regions is not None:
+                place = grid.place[range_of(drawn.entries.start)].astype(np.uint16)
+                masks[:, eye] = 0
+                for stream in range(masks.shape[2]):
+                    bits = (drawn.regions >> stream & 1).astype(np.uint16) << place
+                    np.bitwise_or.at(masks[:, eye, stream], pair, bits)
+        return masks
+
+    @property
+    def supertile_records(self) -> np.ndarray:
+        """(super-tiles * EYES,) SuperTile records: of each super-tile that of the source, then that of the target."""
+        eyes = [supertile_records(drawn, grid, np.diff(self.pairs.start))
+                for drawn, grid in zip(self.frame.eyes, self.frame.grids, strict=True)]
+        rows = np.stack(eyes, 1)
+        if "eye" in rows.dtype.names:
+            rows["eye"] = np.arange(EYES)
+        return rows.reshape(-1)
+
+    @property
+    def place_records(self) -> np.ndarray:
+        """(R,) BatchPlace records."""
+        p, masks = self.places, self.stream_masks
+        rows = np.zeros(len(p.pair), batch_place(self.frame.config).dtype)
+        for eye, drawn in enumerate(self.frame.eyes):
+            here = p.eye == eye
+            rows[here] = records_at(drawn, self.pairs.splat[p.pair[here]], p.level[here], batch_place(self.frame.config))
+        mask = masks[p.pair, p.eye]
+        rows["level"], rows["mask"], rows["last"] = p.level, mask if mask.shape[1] > 1 else mask[:, 0], p.last
+        if "eye" in rows.dtype.names:
+            rows["eye"] = p.eye
+        return rows
+
     def records_of(self, eye: int, stream: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """TileVisit and VisitEntry records of the visits of one eye, in order, as an array takes them that renders this eye's
         tiles; an item with `end` follows the entries of each visit."""
-        v, drawn = self.stream_visits(stream), self.frame.eyes[eye]
-        r, mine = drawn.registers, np.flatnonzero(v.eye == eye)
-        tile, counts = v.tile[mine], np.diff(v.start)[mine]
-        visits = np.zeros(len(mine), tile_visit(drawn.config).dtype)
-        visits["tile_y"], visits["tile_x"] = np.divmod(tile, r.tiles_x)
-        visits["blend"], visits["outer"], visits["plane"] = r.header[tile, 1], r.header[tile, 2], r.plane[tile]
+        visits = self.stream_visits(stream)
+        return self._records(visits, np.flatnonzero(visits.eye == eye))
+
+    def stream_records(self, stream: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """TileVisit and VisitEntry records of the visits of both eyes, as the array of a stream takes them."""
+        visits = self.stream_visits(stream)
+        return self._records(visits, np.arange(len(visits.eye)))
+
+    def _records(self, v: JointVisits, mine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The records of these of the visits."""
+        counts, config = np.diff(v.start)[mine], self.frame.config
+        visits = np.zeros(len(mine), tile_visit(config).dtype)
+        entries, own = np.zeros(int(counts.sum()) + len(mine), visit_entry(config).dtype), v.eye[mine]
+        entries["end"][np.cumsum(counts) + np.arange(len(mine))] = 1
+        rows = np.concatenate([np.zeros(0, np.int64), *(v.order[v.start[n] : v.start[n + 1]] for n in mine)])
+        taken, of_entry = np.flatnonzero(entries["end"] == 0), np.repeat(own, counts)
+        for eye, drawn in enumerate(self.frame.eyes):
+            r, here = drawn.registers, own == eye
+            tile = v.tile[mine][here]
+            visits["tile_y"][here], visits["tile_x"][here] = np.divmod(tile, r.tiles_x)
+            visits["blend"][here], visits["outer"][here] = r.header[tile, 1], r.header[tile, 2]
+            visits["plane"][here] = r.plane[tile]
+            splats = drawn.array_entries
+            for name in splats.dtype.names:
+                entries[name][taken[of_entry == eye]] = splats[name][rows[of_entry == eye]]
         visits["place"], visits["fresh"], visits["final"] = v.place[mine], v.fresh[mine], v.final[mine]
         visits["sequence"] = self.batches.supertile[v.batch[mine]] & (1 << SEQUENCE_BITS) - 1
-        rows = np.concatenate([np.zeros(0, np.int64), *(v.order[v.start[n] : v.start[n + 1]] for n in mine)])
-        entries, taken = np.zeros(len(rows) + len(mine), visit_entry(drawn.config).dtype), drawn.array_entries
-        entries["end"][np.cumsum(counts) + np.arange(len(mine))] = 1
-        for name in taken.dtype.names:
-            entries[name][entries["end"] == 0] = taken[name][rows]
+        if "eye" in visits.dtype.names:
+            visits["eye"] = own
         return visits, entries

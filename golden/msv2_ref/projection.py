@@ -317,10 +317,12 @@ def project(
     return out
 
 
-def projected_splats(config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters) -> np.ndarray:
+def projected_splats(
+    config: AcceleratorConfig, words: GaussianWords, registers: FrameRegisters, projected: Projected | None = None,
+) -> np.ndarray:
     """(visible + 1,) ProjectedSplat records in index order, as the projection unit emits them; the last one is the frame's
-    `end`."""
-    n, g, projected = config.formats, words.geometry, project(config, words, registers)
+    `end`. `projected` are the projection's results, where they are known."""
+    n, g, projected = config.formats, words.geometry, projected or project(config, words, registers)
     rows = np.flatnonzero(projected.reason == VISIBLE)
     out = np.zeros(len(rows) + 1, projected_splat(config).dtype)
     splats = out[:-1]

@@ -6,6 +6,8 @@ import numpy as np
 
 from golden.msv2_ref.batches import FrameBatches
 from golden.msv2_ref.frame_memory import splat_records
+from golden.msv2_ref.joint import JointFrame
+from golden.msv2_ref.joint_batches import JointBatches
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.projection import OUTSIDE, VISIBLE, Projected
 from golden.msv2_ref.ranges import range_of
@@ -38,6 +40,16 @@ def count_saturated(config: AcceleratorConfig, saturation: Saturation, values: n
     """Number of records, each one row of the (records, ...) raw values, that hold a number at a limit of its format."""
     at_limit = np.isin(values, limits(saturation.field_of(config).format))
     return int(at_limit.reshape(len(values), -1).any(axis=1).sum()) if len(values) else 0
+
+
+def joint_saturations(frame: JointFrame) -> dict[str, int]:
+    """The counters of `spec.saturations` after a joint frame, which are sums over both eyes."""
+    found = {}
+    for s in SATURATIONS:
+        watched = [transferred(eye, s) for eye in frame.eyes] if s.stream in (POINTS, "splats") else [
+            JointBatches(frame).place_records[s.field]]
+        found[s.name] = sum(count_saturated(frame.config, s, values) for values in watched)
+    return found
 
 
 def frame_saturations(frame: Frame) -> dict[str, int]:

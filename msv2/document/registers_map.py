@@ -14,8 +14,8 @@ from spec.config import PAPER, AcceleratorConfig
 from spec.host_settings import with_every_register
 from spec.registers import Register
 
-EVERY_MACHINE, SUPERTILE_MACHINE = with_every_register(PAPER)
-"""The machines of the documents in docs/, which describe the first and what the second has besides. Together they have all
+EVERY_MACHINE, SUPERTILE_MACHINE, JOINT_MACHINE = with_every_register(PAPER)
+"""The machines of the documents in docs/, which describe the first and what the others have besides. Together they have all
 registers; those that not all machines have are marked."""
 
 GROUPS = {
@@ -23,13 +23,17 @@ GROUPS = {
     "Counters": registers.COUNTERS_BASE, "": 1 << registers.REGISTER_ADDRESS_BITS}
 """Headings and the first address of each."""
 
-_SUPERTILE = {register.name: register for register in registers.register_map(SUPERTILE_MACHINE)}
+_SUPERTILE = {register.name: register for machine in (JOINT_MACHINE, SUPERTILE_MACHINE)
+              for register in registers.register_map(machine)}
 
 _ADDED = {
     register.name: f" (only with {what})"
-    for what, machine in (("packed frames", SUPERTILE_MACHINE), ("super-tiles", SUPERTILE_MACHINE.with_(packed=False)),
+    for what, machine in (("joint frames", JOINT_MACHINE), ("packed frames", SUPERTILE_MACHINE),
+                          ("super-tiles", JOINT_MACHINE.with_(joint=False)),
                           ("chunks", PAPER.with_(order="spatial", chunks=True)), ("stereo", PAPER.with_(stereo=True)))
     for register in registers.register_map(machine)} | {
+        register.name: " (only with stereo or joint frames)" for register in registers.register_map(JOINT_MACHINE)
+        if register.name.startswith("target_")} | {
         register.name: "" if register.name in _SUPERTILE else " (not with super-tiles)"
         for register in registers.register_map(PAPER)}
 """What the documents say behind a register, by its name."""

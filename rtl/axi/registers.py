@@ -172,7 +172,7 @@ class RegisterFile(wiring.Component):
         for limit in reversed(limits(self.config)):  # the first setting comes last, because the last assignment wins
             value = written[limit.setting]
             below = value < limit.low if limit.low else Const(0)  # patterns are unsigned: none is below 0
-            outside = below | (value > limit.high)
+            outside = below & (value > limit.high) if limit.low > limit.high else below | (value > limit.high)
             with m.If(outside & written[limit.where] if limit.where else outside):
                 m.d.sync += [illegal.eq(1), first.eq(numbers[limit.setting])]
         return illegal, first

@@ -47,11 +47,18 @@ def whole_pixels(config: AcceleratorConfig) -> Fixed:
     return SQ(config.formats.mean2d.int_bits, 0)
 
 
+def octagon_names(config: AcceleratorConfig) -> list[str]:
+    """The names of the graph's settings that are level bounds, by quality bound, and with joint frames by eye first."""
+    return [f"{eye}octagon_{bound}" for eye in ("", *(["target_"] if config.joint else [])) for bound in range(MAX_LEVELS)]
+
+
 def chunk_graph(config: AcceleratorConfig, *, details: bool = False) -> Dataflow:
     """The graph of whether a chunk is skipped.
 
     Its settings `rotation`, `near` and `reach` are cut to the format `chunk`, `centre` to whole pixels; `last_tile` has the
-    last column and the last row of the frame's tiles, and `octagon_0` and so on are the level bounds.
+    last column and the last row of the frame's tiles, and `octagon_0` and so on are the level bounds. In machines with joint
+    frames each slot is the test for one eye: the eye and its position are inputs, and `target_octagon_0` and so on are the
+    target's level bounds.
 
     Args:
         config: the machine.
@@ -61,7 +68,7 @@ def chunk_graph(config: AcceleratorConfig, *, details: bool = False) -> Dataflow
     chunk, tile = n.chunk, unsigned(place_bits(config))
     rotation, near, reach = g.settings("rotation", chunk, 9), g.setting("near", chunk), g.settings("reach", chunk, 2)
     centre, last_tile = g.settings("centre", whole_pixels(config), 2), g.settings("last_tile", UQ(place_bits(config), 0), 2)
-    octagons = [g.setting(f"octagon_{bound}", octagon_layout(config)) for bound in range(MAX_LEVELS)]
+    octagons = [g.setting(name, octagon_layout(config)) for name in octagon_names(config)]
     top, bound = g.input("scale_top", unsigned(SCALE_TOP_BITS)), g.input("bound", unsigned(2))
     opacity, count = g.input("opacity", unsigned(OPACITY_BITS)), g.input("count", unsigned(COUNT_BITS))
 
@@ -89,7 +96,8 @@ def chunk_graph(config: AcceleratorConfig, *, details: bool = False) -> Dataflow
             g.logic(f"last_{name}", tile, lambda wide, end, last: Mux(wide | (end > last), last, end),
                     wide, end, last_tile[k])))
 
-    octagon = g.logic("octagon", octagon_layout(config), lambda bound, *each: Array(each)[bound], bound, *octagons)
+    chosen = g.logic("chosen", unsigned(3), Cat, bound, g.input("eye", unsigned(1))) if config.joint else bound
+    octagon = g.logic("octagon", octagon_layout(config), lambda chosen, *each: Array(each)[chosen], chosen, *octagons)
     filtered = g.logic("filtered", 1, _filtered, octagon, *_sides(g, tile, runs))
     nothing = g.logic("nothing", 1, lambda opacity, count: ~opacity.any() | ~count.any(), opacity, count)
     reasons = {"behind": behind, "outside_x": outside[0], "outside_y": outside[1], "filtered": filtered, "nothing": nothing}
@@ -105,7 +113,8 @@ def chunk_graph(config: AcceleratorConfig, *, details: bool = False) -> Dataflow
 def _box(config: AcceleratorConfig, g: Dataflow, rotation: tuple[Node, ...]) -> tuple[list[Node], list[Node]]:
     """lo and hi of the box along x, y (times the focal lengths) and z of the camera."""
     n, chunk = config.formats, config.formats.chunk
-    position, size = g.settings("position", n.view, 3), UQ(EXTENT_BITS + 1, 0)
+    size = UQ(EXTENT_BITS + 1, 0)
+    position = [g.input(f"position_{i}", n.view) for i in range(3)] if config.joint else g.settings("position", n.view, 3)
     shift = STEP_BIAS + 1 - BOX_SHIFT
 
     def length(name: str, extent: Node, step: Node, more: int) -> Node:
@@ -193,7 +202,8 @@ def _filtered(octagon: data.View, *sides: Value) -> Value:
 
 
 class ChunkTest(wiring.Component):
-    """Passes on the headers of chunks that are read.
+    """Passes on the headers of chunks that are read. In a joint frame a chunk is tested for one eye after the other, and read
+    where either test says so.
 
     Parameters:
         config: a machine with chunks.
@@ -203,12 +213,13 @@ class ChunkTest(wiring.Component):
         tested: those that are read, in order and unchanged, and every item with `end`.
         position, rotation, near, reach, centre, width, height: settings; near is positive.
         bounds: the frame's level bounds (`LevelBounds`); like the settings, they are stable while chunks are tested.
+        target_position, joint, target_bounds: with joint frames, further settings, and the level bounds of the target.
         chunks_read, chunks_skipped: number of the frame's chunks that are read, and that were skipped, among those that have
             been tested. The counts stay until the first chunk of the next frame has been tested.
 
-    Throughput: one chunk every TEST_INTERVAL cycles, read or skipped, while the queue at the output has free space. Latency:
-    that of the datapath of `chunk_graph`, 80 cycles, and two of the queue. Storage: the datapath's, and a queue of
-    TESTED_CHUNKS items, from which chunks are read while others are tested::
+    Throughput: one chunk every TEST_INTERVAL cycles, in joint frames every two of them, read or skipped, while the queue at the
+    output has free space. Latency: that of the datapath of `chunk_graph`, 80 cycles, and two of the queue. Storage: the
+    datapath's, and a queue of TESTED_CHUNKS items, from which chunks are read while others are tested::
 
         cycle            0      8      16     ..     80     81     82     ..     88
         headers       < A >  < B >  < C >
@@ -222,8 +233,10 @@ class ChunkTest(wiring.Component):
         if not config.chunks:
             raise ValueError(f"config must be a machine with chunks, not {config.name!r}")
         item = layout(header_item(config))
+        bounds, joint = In(data.ArrayLayout(octagon_layout(config), MAX_LEVELS)), ("target_position", "joint") * config.joint
         super().__init__({
-            **setting_ports(config, SETTINGS), "bounds": In(data.ArrayLayout(octagon_layout(config), MAX_LEVELS)),
+            **setting_ports(config, (*SETTINGS, *joint)), "bounds": bounds,
+            **({"target_bounds": bounds} if config.joint else {}),
             "headers": In(stream.Signature(item)), "tested": Out(stream.Signature(item)),
             "chunks_read": Out(COUNTER_BITS), "chunks_skipped": Out(COUNTER_BITS)})
         self._config = config
@@ -241,21 +254,41 @@ class ChunkTest(wiring.Component):
             path.sink.payload.carried.eq(self.headers.payload),
             path.sink.valid.eq(self.headers.valid), self.headers.ready.eq(path.sink.ready)]
         found = path.source.payload
-        passes = found.carried.end | ~found.skipped
+        read, skipped = self._eyes(m) if self._config.joint else (~found.skipped, found.skipped)
+        passes = found.carried.end | read
         m.d.comb += [
             queue.w_en.eq(path.source.valid & passes), queue.w_data.eq(found.carried),
             path.source.ready.eq(queue.w_rdy | ~passes),
             self.tested.valid.eq(queue.r_rdy), self.tested.payload.eq(queue.r_data), queue.r_en.eq(self.tested.ready)]
-        count_items(m, path.source.valid & path.source.ready, found.carried.end, (self.chunks_read, ~found.skipped),
-                    (self.chunks_skipped, found.skipped))
+        count_items(m, path.source.valid & path.source.ready, found.carried.end, (self.chunks_read, read),
+                    (self.chunks_skipped, skipped))
         return m
+
+    def _eyes(self, m: Module) -> tuple[Value, Value]:
+        """Tests every chunk of a joint frame for both eyes; returns whether the chunk whose test leaves the datapath is to be
+        read, and whether it is to be skipped: neither before its last test."""
+        path, begins, ends, wanted = self.datapath, Signal(), Signal(), Signal()
+        enters, end, found = path.sink.payload, self.headers.payload.end, path.source.payload
+        again = self.joint & ~begins & ~end  # the eye that enters is the source, and the target comes next
+        m.d.comb += [
+            enters.eye.eq(begins), self.headers.ready.eq(path.sink.ready & ~again),
+            *(enters[f"position_{i}"].eq(Mux(begins, self.target_position[i], self.position[i])) for i in range(3))]
+        with m.If(path.sink.valid & path.sink.ready):
+            m.d.sync += begins.eq(again)
+        with m.If(path.source.valid & path.source.ready):
+            m.d.sync += [ends.eq(self.joint & ~ends & ~found.carried.end), wanted.eq(~found.skipped)]
+        last, read = ~self.joint | ends, ~found.skipped | ends & wanted
+        return last & read, last & ~read
 
     def _settings(self, m: Module) -> None:
         """Settings of the datapath. The frame's last tiles are registered: they are stable long before they are used."""
         n, path = self._config.formats, self.datapath
-        m.d.comb += [getattr(path, f"octagon_{bound}").eq(self.bounds[bound]) for bound in range(MAX_LEVELS)]
-        for i in range(3):
-            m.d.comb += path.position[i].eq(self.position[i])
+        bounds = [*self.bounds, *(self.target_bounds if self._config.joint else ())]
+        m.d.comb += [getattr(path, name).eq(octagon)
+                     for name, octagon in zip(octagon_names(self._config), bounds, strict=True)]
+        if not self._config.joint:
+            for i in range(3):
+                m.d.comb += path.position[i].eq(self.position[i])
         for i in range(9):
             m.d.comb += path.rotation[i].eq(cut(self.rotation[i], n.view, n.chunk))
         m.d.comb += path.near.eq(cut(self.near, n.view, n.chunk))

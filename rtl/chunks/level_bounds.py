@@ -39,6 +39,7 @@ class LevelBounds(wiring.Component):
         taken: strobe: it passes in this cycle. Items come in the order of tiles, row-major.
         clear: strobe: the next item is the first of another pass. It must come two cycles or more after the last item.
         tiles_x: columns of tiles of the frame.
+        other: with joint frames: the item belongs to the other eye, and is not watched.
         bounds: for every quality bound, the octagon around the rendered tiles whose level is at most the bound; without a tile
             only `present` has a meaning.
 
@@ -54,16 +55,18 @@ class LevelBounds(wiring.Component):
     def __init__(self, config: AcceleratorConfig):
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
-        self._octagon, self._bits, self._masked = octagon_layout(config), place_bits(config), config.stereo
+        self._octagon, self._bits, self._masked, self._joint = (
+            octagon_layout(config), place_bits(config), config.stereo, config.joint)
         super().__init__({
             "item": In(layout(tile_level(config))), "taken": In(1), "clear": In(1), "tiles_x": In(TILE_BITS + 1),
-            "bounds": Out(data.ArrayLayout(self._octagon, MAX_LEVELS)),
+            "bounds": Out(data.ArrayLayout(self._octagon, MAX_LEVELS)), **({"other": In(1)} if config.joint else {}),
         })
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
         x, y = Signal(self._bits), Signal(self._bits)
-        with m.If(self.taken):
+        taken = self.taken & ~self.other if self._joint else self.taken
+        with m.If(taken):
             m.d.sync += x.eq(x + 1)
             with m.If(x + 1 == self.tiles_x):
                 m.d.sync += [x.eq(0), y.eq(y + 1)]
@@ -71,7 +74,7 @@ class LevelBounds(wiring.Component):
             m.d.sync += [x.eq(0), y.eq(0)]
 
         found, uses = Signal(self._octagon.members["least"], reset_less=True), Signal(MAX_LEVELS)
-        counts = self.taken & (self.item.rendered if self._masked else 1)
+        counts = taken & (self.item.rendered if self._masked else 1)
         m.d.sync += [found.x.eq(x), found.y.eq(y), found.sum.eq(x + y), found.difference.eq(x - y)]
         m.d.sync += [uses[bound].eq(counts & (self.item.level <= bound)) for bound in range(MAX_LEVELS)]
         for bound in range(MAX_LEVELS):

@@ -107,7 +107,8 @@ class CompactColourSum(wiring.Component):
         config: the machine, with compact records.
         sh_degree: degree of the largest records.
         lanes: basis functions per cycle, 0 for degree 0.
-        carried: layout of the data that passes the unit with a splat; it has a field `bound`.
+        carried: layout of the data that passes the unit with a splat; it has a field `bound`. If it has a field `keep`, the
+            beats of a splat where it is 1 are those of the next splat, too, and come only once.
 
     Ports:
         basis: `basis_layout` items; each is taken with its splat's last step.
@@ -163,7 +164,10 @@ class CompactColourSum(wiring.Component):
         self._harmonics = Signal(compact_harmonics(self.config).width if self._degree else 0, reset_less=True)
         record_there, harmonics_there, second, taken = Signal(), Signal(), Signal(), Signal()
         incoming, two = self.data.payload.word.as_value(), self.sh_degree.any() & (self._degree > 0)
-        leaves, used_up = self._step & self._first, self._step & self._last
+        used = self._step
+        if "keep" in self._carried.members:
+            used = used & ~self.basis.payload.carried.keep
+        leaves, used_up = used & self._first, used & self._last
         m.d.comb += [
             self.data.ready.eq(Mux(second, ~harmonics_there | used_up, ~record_there | leaves)),
             taken.eq(self.data.valid & self.data.ready),

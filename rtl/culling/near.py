@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from functools import reduce
 
-from amaranth.hdl import Module, Mux, Value, unsigned
+from amaranth.hdl import Module, Mux, ShapeLike, Value, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -19,9 +19,19 @@ from spec import tables
 from spec.config import AcceleratorConfig, NumberFormats
 from spec.constants import MAX_LEVELS, TILE_REACH_MARGIN
 from spec.formats import UQ, Fixed
-from spec.records import gaussian_point, opacities_carried
+from spec.records import Record, eye_point, gaussian_point, opacities_carried
 
-SETTINGS = ("position", "rotation", "near", "depth_scale")
+_SETTINGS = ("position", "rotation", "near", "depth_scale")
+
+
+def settings(config: AcceleratorConfig) -> tuple[str, ...]:
+    """The settings of the near test; in machines with joint frames every Gaussian brings its position."""
+    return _SETTINGS[1:] if config.joint else _SETTINGS
+
+
+def point_record(config: AcceleratorConfig) -> Record:
+    """What the near test takes."""
+    return eye_point(config) if config.joint else gaussian_point(config)
 
 
 def limit_format(formats: NumberFormats) -> Fixed:
@@ -34,7 +44,8 @@ def near_graph(config: AcceleratorConfig) -> Dataflow:
     faint."""
     n, g = config.formats, Dataflow()
     view = n.view
-    position, rotation = g.settings("position", view, 3), g.settings("rotation", view, 9)
+    position = tuple(g.input(f"position_{i}", view) for i in range(3)) if config.joint else g.settings("position", view, 3)
+    rotation = g.settings("rotation", view, 9)
     near, depth_scale = g.setting("near", view), g.setting("depth_scale", view)
     mean, alone = [g.input(f"mean_{i}", n.position) for i in range(3)], opacities_carried(config) == 1
     names = ["log2_opacity"] if alone else [f"log2_opacity_{i}" for i in range(MAX_LEVELS)]
@@ -69,24 +80,32 @@ def _strongest(bound: Value, *opacity: Value) -> Value:
 
 
 def survivor_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """A Gaussian that passed the near test: the rest of its record, and the results of the near test."""
-    n, point = config.formats, layout(gaussian_point(config))
-    kept = {name: field.shape for name, field in point if name != "mean"}
+    """A Gaussian that passed the near test: the rest of its record, and the results of the near test. In machines with joint
+    frames all Gaussians pass, and these are the tests, too."""
+    n = config.formats
+    tests: dict[str, ShapeLike] = {"behind": 1, "faint": 1} if config.joint else {}
     return data.StructLayout({
-        **kept, "offset": data.ArrayLayout(shape(n.view), 3), "z": shape(n.view), "depth": shape(n.depth),
+        **_kept(config), **tests, "offset": data.ArrayLayout(shape(n.view), 3), "z": shape(n.view), "depth": shape(n.depth),
         "limit": shape(limit_format(n))})
 
 
+def _kept(config: AcceleratorConfig) -> dict[str, ShapeLike]:
+    """What passes beside the near test."""
+    return {name: field.shape for name, field in layout(point_record(config)) if name not in ("mean", "position")}
+
+
 class NearTest(wiring.Component):
-    """Passes on the Gaussians that may be visible, and drops the others.
+    """Passes on the Gaussians that may be visible, and drops the others. In machines with joint frames it passes on all of
+    them, with the tests' results, because what becomes of a Gaussian depends on both eyes (`rtl.culling.eyes`).
 
     Parameters:
         config: the machine; a Gaussian enters every `point_interval` cycles.
 
     Ports:
-        sink: GaussianPoint items; a frame ends with an item with `end`.
+        sink: GaussianPoint items, in machines with joint frames EyePoint items; a frame ends with an item with `end`.
         source: `survivor_layout` items of the Gaussians that pass, in order, and every item with `end`.
-        position, rotation, near, depth_scale: settings; near is positive.
+        position, rotation, near, depth_scale: settings; near is positive. Machines with joint frames have no `position` and
+            no counts here.
         culled_near, culled_faint: number of the frame's Gaussians that were culled for each reason, among those that have left
             the test. The counts stay until the first Gaussian of the next frame leaves. A Gaussian that is culled for both
             reasons counts as near.
@@ -97,12 +116,11 @@ class NearTest(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig) -> None:
         super().__init__({
-            **setting_ports(config, SETTINGS),
-            "sink": In(stream.Signature(layout(gaussian_point(config)))),
+            **setting_ports(config, settings(config)),
+            "sink": In(stream.Signature(layout(point_record(config)))),
             "source": Out(stream.Signature(survivor_layout(config))),
-            "culled_near": Out(COUNTER_BITS), "culled_faint": Out(COUNTER_BITS)})
-        point = layout(gaussian_point(config))
-        self._carried = data.StructLayout({name: field.shape for name, field in point if name != "mean"})
+            **({} if config.joint else {"culled_near": Out(COUNTER_BITS), "culled_faint": Out(COUNTER_BITS)})})
+        self._joint, self._carried = config.joint, data.StructLayout(_kept(config))
         self.datapath = Datapath(near_graph(config), interval=config.point_interval, carried=self._carried)
 
     def elaborate(self, platform: object) -> Module:
@@ -111,13 +129,20 @@ class NearTest(wiring.Component):
         connect_settings(m, self, path)
         point, entry = self.sink.payload, path.sink.payload
         found, left = path.source.payload, self.source.payload
-        inputs = flatten({"mean": point.mean, "log2_opacity": point.log2_opacity, "bound": point.bound})
+        inputs = flatten({"mean": point.mean, "log2_opacity": point.log2_opacity, "bound": point.bound,
+                          **({"position": point.position} if self._joint else {})})
         m.d.comb += [entry[name].eq(value) for name, value in inputs.items() if name in entry.shape().members]
         for name, _ in self._carried:
             m.d.comb += [entry.carried[name].eq(point[name]), left[name].eq(found.carried[name])]
         for name, value in flatten({name: left[name] for name in ("offset", "z", "depth", "limit")}).items():
             m.d.comb += value.eq(found[name])
         end = found.carried.end
+        if self._joint:
+            m.d.comb += [
+                left.behind.eq(found.behind), left.faint.eq(found.faint),
+                path.sink.valid.eq(self.sink.valid), self.sink.ready.eq(path.sink.ready),
+                self.source.valid.eq(path.source.valid), path.source.ready.eq(self.source.ready)]
+            return m
         passes = end | ~(found.behind | found.faint)
         m.d.comb += [
             path.sink.valid.eq(self.sink.valid), self.sink.ready.eq(path.sink.ready),

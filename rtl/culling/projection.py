@@ -10,6 +10,7 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.culling.dataflow import Dataflow, Node
 from rtl.culling.datapath import Datapath
+from rtl.culling.eyes import judged_splat
 from rtl.culling.frame import COUNTER_BITS, connect_settings, count_items, flatten, setting_ports
 from rtl.culling.near import limit_format, survivor_layout
 from rtl.culling.saturations import at_limit
@@ -168,33 +169,37 @@ def projection_graph(config: AcceleratorConfig) -> Dataflow:
 
 class Projection(wiring.Component):
     """Turns survivors of the near test into splats, and drops splats whose box lies outside the frame or whose mean lies beyond
-    the guard band (`spec.guard_band`).
+    the guard band (`spec.guard_band`). In machines with joint frames it drops none and gives the tests' results.
 
     Parameters:
         config: the machine; a Gaussian enters every `point_interval` cycles.
 
     Ports:
         sink: `survivor_layout` items; a frame ends with an item with `end`.
-        source: ProjectedSplat items, in order, and every item with `end`, whose other fields are 0.
+        source: ProjectedSplat items, in order, and every item with `end`, whose other fields are 0; in machines with joint
+            frames `judged_splat` items.
         rotation, turn, centre, limits, near, width, height: settings; near and the sizes are positive, and the lower of two
             limits comes first.
         culled_outside: number of the frame's Gaussians that were culled here, among those that have left the unit. The count
             stays until the first item of the next frame leaves.
-        saturated_means: the same of those whose box meets the frame: they were culled because of their mean alone.
+        saturated_means: the same of those whose box meets the frame: they were culled because of their mean alone. Machines
+            with joint frames have no counts here.
 
     Throughput: one Gaussian every `point_interval` cycles, culled or not. Latency and storage: those of the datapath of
     `projection_graph`.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
-        self._splat = layout(projected_splat(config))
+        self._splat, self._joint = layout(projected_splat(config)), config.joint
         super().__init__({
             **setting_ports(config, SETTINGS),
-            "sink": In(stream.Signature(survivor_layout(config))), "source": Out(stream.Signature(self._splat)),
-            "culled_outside": Out(COUNTER_BITS), "saturated_means": Out(COUNTER_BITS)})
+            "sink": In(stream.Signature(survivor_layout(config))),
+            "source": Out(stream.Signature(judged_splat(config) if config.joint else self._splat)),
+            **({} if config.joint else {"culled_outside": Out(COUNTER_BITS), "saturated_means": Out(COUNTER_BITS)})})
         graph, survivor = projection_graph(config), survivor_layout(config)
         self._carried = data.StructLayout({
-            name: survivor[name].shape for name in ("index", "bound", "log2_opacity", "offset", "depth", "end")})
+            name: survivor[name].shape for name in ("index", "bound", "log2_opacity", "offset", "depth", "end", *(
+                ("eye", "behind", "faint") if config.joint else ()))})
         self.datapath = Datapath(graph, interval=config.point_interval, carried=self._carried)
 
     def elaborate(self, platform: object) -> Module:
@@ -202,7 +207,7 @@ class Projection(wiring.Component):
         m.submodules.datapath = path = self.datapath
         connect_settings(m, self, path)
         point, entry = self.sink.payload, path.sink.payload
-        found, splat = path.source.payload, self.source.payload
+        found, splat = path.source.payload, self.source.payload.splat if self._joint else self.source.payload
         computed = {name: point[name] for name in ("offset", "z", "scale", "quat", "limit")}
         for name, value in flatten(computed).items():
             m.d.comb += entry[name].eq(value)
@@ -213,13 +218,22 @@ class Projection(wiring.Component):
             m.d.comb += entry.carried[name].eq(point[name])
         with m.If(~end):  # the other fields of an item with `end` are 0
             for name, _ in self._carried:
-                m.d.comb += splat[name].eq(found.carried[name])
-            others = {name: splat[name] for name, _ in self._splat if name not in self._carried.members}
+                if name in self._splat.members:
+                    m.d.comb += splat[name].eq(found.carried[name])
+            others = {name: splat[name] for name, _ in self._splat if name not in self._carried.members and name != "none"}
             for name, value in flatten(others).items():
                 m.d.comb += value.eq(found[name])
         m.d.comb += [
             splat.end.eq(end),
-            path.sink.valid.eq(self.sink.valid), self.sink.ready.eq(path.sink.ready),
+            path.sink.valid.eq(self.sink.valid), self.sink.ready.eq(path.sink.ready)]
+        if self._joint:
+            judged = self.source.payload
+            with m.If(~end):
+                m.d.comb += [judged.behind.eq(found.carried.behind), judged.faint.eq(found.carried.faint),
+                             judged.unboxed.eq(~boxed), judged.beyond.eq(found.beyond)]
+            m.d.comb += [self.source.valid.eq(path.source.valid), path.source.ready.eq(self.source.ready)]
+            return m
+        m.d.comb += [
             self.source.valid.eq(path.source.valid & passes), path.source.ready.eq(self.source.ready | ~passes)]
         count_items(m, path.source.valid & path.source.ready, end, (self.culled_outside, ~inside),
                     (self.saturated_means, boxed & found.beyond))

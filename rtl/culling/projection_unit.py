@@ -6,7 +6,8 @@ from amaranth.hdl import Module
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.culling import near, projection
+from rtl.culling import eyes, near, projection
+from rtl.culling.eyes import EyeCulls, EyePoints
 from rtl.culling.frame import COUNTER_BITS, setting_ports
 from rtl.culling.near import NearTest
 from rtl.culling.projection import Projection
@@ -14,10 +15,14 @@ from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.records import gaussian_point, projected_splat
 
-SETTINGS = tuple(dict.fromkeys((*near.SETTINGS, *projection.SETTINGS)))
-
-COUNTS = ("culled_near", "culled_faint", "culled_outside", "saturated_means")
+COUNTS = eyes.COUNTS
 """What the unit counts in a frame."""
+
+
+def settings(config: AcceleratorConfig) -> tuple[str, ...]:
+    """The settings of the near test and of projection, and of what machines with joint frames have around them."""
+    joint = ("joint", "shift", "position", "target_position") if config.joint else ()
+    return tuple(dict.fromkeys((*near.settings(config), *projection.SETTINGS, *joint)))
 
 
 class ProjectionUnit(wiring.Component):
@@ -27,6 +32,9 @@ class ProjectionUnit(wiring.Component):
     One pipeline, whose operators each serve `point_interval` operations, replaces `culling_units` units that take eight cycles
     per Gaussian. It does the same work with as many operators, but with fewer registers and multiplexers
     (`python -m rtl.culling.compare` prints both).
+
+    In machines with joint frames `EyePoints` stands before it and `EyeCulls` behind it (`rtl.culling.eyes`), so that a Gaussian
+    takes the time of two in frames of two eyes.
 
     Parameters:
         config: the machine.
@@ -42,23 +50,30 @@ class ProjectionUnit(wiring.Component):
             (for culled_outside and saturated_means, until the next frame's first survivor leaves projection).
         saturated_means: those of culled_outside whose box meets the frame.
 
+    With joint frames (`EyeCulls`):
+        joint, shift, target_position: settings, as well.
+        rendering: the phase is the second one; changes only while the unit is empty.
+
     Throughput: one Gaussian every `point_interval` cycles, culled or not, while the source is taken. Latency: about 120 to
     150 cycles. Storage: the datapaths' output queues, with space for all Gaussians in the pipeline.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
         super().__init__({
-            **setting_ports(config, SETTINGS),
+            **setting_ports(config, settings(config)), **({"rendering": In(1)} if config.joint else {}),
             "sink": In(stream.Signature(layout(gaussian_point(config)))),
             "source": Out(stream.Signature(layout(projected_splat(config)))),
             **{name: Out(COUNTER_BITS) for name in COUNTS}})
-        self.near_test, self.projection = NearTest(config), Projection(config)
+        self._config, self.near_test, self.projection = config, NearTest(config), Projection(config)
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.near_test, m.submodules.projection = self.near_test, self.projection
-        for unit, names in ((self.near_test, near.SETTINGS), (self.projection, projection.SETTINGS)):
+        for unit, names in ((self.near_test, near.settings(self._config)), (self.projection, projection.SETTINGS)):
             m.d.comb += [getattr(unit, name).eq(getattr(self, name)) for name in names]
+        if self._config.joint:
+            self._eyes(m)
+            return m
         wiring.connect(m, wiring.flipped(self.sink), self.near_test.sink)
         wiring.connect(m, self.near_test.source, self.projection.sink)
         wiring.connect(m, self.projection.source, wiring.flipped(self.source))
@@ -66,3 +81,16 @@ class ProjectionUnit(wiring.Component):
             self.culled_near.eq(self.near_test.culled_near), self.culled_faint.eq(self.near_test.culled_faint),
             self.culled_outside.eq(self.projection.culled_outside), self.saturated_means.eq(self.projection.saturated_means)]
         return m
+
+    def _eyes(self, m: Module) -> None:
+        """Adds what machines with joint frames have around near test and projection."""
+        m.submodules.points = points = EyePoints(self._config)
+        m.submodules.culls = culls = EyeCulls(self._config)
+        wiring.connect(m, wiring.flipped(self.sink), points.points)
+        wiring.connect(m, points.eyes, self.near_test.sink)
+        wiring.connect(m, self.near_test.source, self.projection.sink)
+        wiring.connect(m, self.projection.source, culls.judged)
+        wiring.connect(m, culls.splats, wiring.flipped(self.source))
+        for unit, names in ((points, ("joint", "position", "target_position")), (culls, ("joint", "shift", "rendering"))):
+            m.d.comb += [getattr(unit, name).eq(getattr(self, name)) for name in names]
+        m.d.comb += [getattr(self, name).eq(getattr(culls, name)) for name in COUNTS]

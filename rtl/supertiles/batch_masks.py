@@ -13,8 +13,7 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.select import select
 from spec.config import AcceleratorConfig
-from spec.constants import SUPER_TILES
-from spec.supertiles import SUPER_PLACES, check_supertiles
+from spec.supertiles import batch_tile_bits, batch_tiles, check_supertiles
 
 MASK_PLACES = 32
 """Most places of a word of masks."""
@@ -52,11 +51,11 @@ class BatchMasks(wiring.Component):
     """Takes the tiles of one place after the other, and keeps them as words by tile, those of two batches side by side.
 
     Parameters:
-        config: the machine; only `batch_places` is used.
+        config: the machine; only `batch_places` and `joint` are used.
 
     Ports:
         take: strobe: a place comes; it must not come unless `ready`.
-        tiles: the place's tiles, one bit each.
+        tiles: the place's tiles among those of `batch_tiles`, one bit each.
         closes: the place is its batch's last.
         ready: a place can be taken.
         half: half of the batch that is being filled; constant from its first place until `settled` after its last.
@@ -67,8 +66,8 @@ class BatchMasks(wiring.Component):
         read_en, read_tile, read_word, read_half: reads a word with a bit in `summary`, of a tile that does not wait.
         read_data: the word that was read, from the next cycle until the next read.
 
-    Storage: 2 squares of SUPER_TILES x 32 flip-flops; SUPER_TILES x batch_places / 32 flip-flops of `summary`; a memory of
-    2 x SUPER_TILES x batch_places / 32 words of 32 bits. Throughput: one place a cycle; a batch's last group moves at once only
+    Storage, with N = `batch_tiles`: 2 squares of N x 32 flip-flops; N x batch_places / 32 flip-flops of `summary`; a memory of
+    2 x N x batch_places / 32 words of 32 bits. Throughput: one place a cycle; a batch's last group moves at once only
     if the words of the group before it have been written, which takes a cycle for each tile with a place in it::
 
         cycle           0       1       2       3       4              the group ends with the place B, which has two tiles
@@ -82,20 +81,20 @@ class BatchMasks(wiring.Component):
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         check_supertiles(config)
-        self.config = config
+        self.config, tiles = config, batch_tiles(config)
         super().__init__({
-            "take": In(1), "tiles": In(SUPER_TILES), "closes": In(1), "ready": Out(1),
+            "take": In(1), "tiles": In(tiles), "closes": In(1), "ready": Out(1),
             "half": In(1), "begin": In(1), "settled": Out(1),
-            "summary": Out(data.ArrayLayout(mask_words(config), SUPER_TILES)),
-            "waiting": Out(SUPER_TILES), "waiting_half": Out(1),
-            "read_en": In(1), "read_tile": In(SUPER_PLACES), "read_word": In(word_bits(config)), "read_half": In(1),
+            "summary": Out(data.ArrayLayout(mask_words(config), tiles)),
+            "waiting": Out(tiles), "waiting_half": Out(1),
+            "read_en": In(1), "read_tile": In(batch_tile_bits(config)), "read_word": In(word_bits(config)), "read_half": In(1),
             "read_data": Out(mask_places(config)),
         })
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        size = mask_places(self.config)
-        rows, seen = Signal(data.ArrayLayout(SUPER_TILES, size)), Signal(SUPER_TILES)
+        size, tiles = mask_places(self.config), batch_tiles(self.config)
+        rows, seen = Signal(data.ArrayLayout(tiles, size)), Signal(tiles)
         place, complete = Signal(range(size)), Signal()  # the next place of the group; the group waits to move on
         moves = Signal()
         m.d.comb += [self.ready.eq(~complete | moves), self.settled.eq(~complete)]
@@ -110,13 +109,13 @@ class BatchMasks(wiring.Component):
 
     def _write(self, m: Module, rows: data.View, seen: Signal, complete: Signal, moves: Signal) -> None:
         """Takes a complete group, notes its tiles in `summary`, and writes the words of these tiles."""
-        words = mask_words(self.config)
+        words, tiles = mask_words(self.config), batch_tiles(self.config)
         m.submodules.words = store = memory.Memory(
-            shape=mask_places(self.config), depth=2 * SUPER_TILES * words, init=[])
+            shape=mask_places(self.config), depth=2 * tiles * words, init=[])
         write, read = store.write_port(), store.read_port(transparent_for=())
-        held, left, first = Signal(rows.shape(), reset_less=True), Signal(SUPER_TILES), Signal(SUPER_TILES)
+        held, left, first = Signal(rows.shape(), reset_less=True), Signal(tiles), Signal(tiles)
         word, half, group = Signal(word_bits(self.config), reset_less=True), Signal(), Signal(range(words))
-        columns = (Cat(row[tile] for row in held) for tile in range(SUPER_TILES))
+        columns = (Cat(row[tile] for row in held) for tile in range(tiles))
         m.d.comb += [
             first.eq(lowest(left)),
             moves.eq(complete & ~(left & ~first).any()),

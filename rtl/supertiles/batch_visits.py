@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.hdl import Cat, Module, Mux, ShapeLike, Signal, Value, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -20,18 +20,37 @@ from rtl.select import select
 from rtl.shapes import layout
 from rtl.stream import Buffer
 from rtl.supertiles.batch_masks import lowest, mask_places, mask_words, place_of, word_bits
+from rtl.supertiles.eyes import joint_settings, origins
 from spec.config import AcceleratorConfig
-from spec.constants import SUPER_TILES, SUPER_X
-from spec.supertiles import SEQUENCE_BITS, SUPER_PLACES, check_supertiles, supertile, tile_visit
+from spec.constants import SUPER_X
+from spec.supertiles import (
+    SEQUENCE_BITS,
+    SUPER_PLACES,
+    batch_tile_bits,
+    batch_tiles,
+    check_supertiles,
+    supertile,
+    tile_visit,
+)
 
 
 def batch_layout(config: AcceleratorConfig) -> data.StructLayout:
     """A complete batch: its super-tile, its half of the buffer, whether it is its super-tile's last, and of each tile the words
-    of masks that have a place."""
-    tiles = layout(supertile(config)).members
+    of masks that have a place. In machines with joint frames, what a super-tile has of each tile exists for both eyes."""
+    tiles = {name: shape for name, shape in layout(supertile(config)).members.items() if name not in ("pairs", "eye")}
+    if config.joint:
+        tiles |= both_eyes(config)
     return data.StructLayout({
-        **{name: shape for name, shape in tiles.items() if name != "pairs"},
-        "sequence": SEQUENCE_BITS, "half": 1, "final": 1, "summary": data.ArrayLayout(mask_words(config), SUPER_TILES)})
+        **tiles, "sequence": SEQUENCE_BITS, "half": 1, "final": 1,
+        "summary": data.ArrayLayout(mask_words(config), batch_tiles(config))})
+
+
+def both_eyes(config: AcceleratorConfig) -> dict[str, ShapeLike]:
+    """What a SuperTile has of each of its tiles, for the tiles of both eyes."""
+    one, tiles = layout(supertile(config)).members, batch_tiles(config)
+    level, plane = (data.ArrayLayout.cast(one[name]).elem_shape for name in ("level", "plane"))
+    return {"inside": unsigned(tiles), "level": data.ArrayLayout(level, tiles), "blend": unsigned(tiles),
+            "plane": data.ArrayLayout(plane, 3 * tiles)}
 
 
 def item_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -45,23 +64,23 @@ def _tile_layout(config: AcceleratorConfig) -> data.StructLayout:
     """A tile whose words are to be read. `visit`: it is visited, with or without words; otherwise nothing but the end of its
     batch passes on. `closes`: the last one of a batch."""
     return data.StructLayout({
-        "words": mask_words(config), "tile": SUPER_PLACES, "half": 1, "sequence": SEQUENCE_BITS, "level": 2, "blend": 1,
-        "visit": 1, "closes": 1})
+        "words": mask_words(config), "tile": batch_tile_bits(config), "half": 1, "sequence": SEQUENCE_BITS, "level": 2,
+        "blend": 1, "visit": 1, "closes": 1})
 
 
 def _word_layout(config: AcceleratorConfig) -> data.StructLayout:
     """What accompanies a word of masks. `empty`: there is no word; `ends`: the last one of a visit; `closes`: the last one of a
     batch."""
     return data.StructLayout({
-        "word": word_bits(config), "tile": SUPER_PLACES, "half": 1, "sequence": SEQUENCE_BITS, "level": 2, "blend": 1,
-        "empty": 1, "ends": 1, "closes": 1})
+        "word": word_bits(config), "tile": batch_tile_bits(config), "half": 1, "sequence": SEQUENCE_BITS, "level": 2,
+        "blend": 1, "empty": 1, "ends": 1, "closes": 1})
 
 
 class BatchVisits(wiring.Component):
     """Turns batches into visits and the places of their entries.
 
     Parameters:
-        config: the machine; `batch_places` and `formats.plane` are used.
+        config: the machine; `batch_places`, `joint` and `formats.plane` are used.
 
     Ports:
         batches: `batch_layout` items.
@@ -69,7 +88,7 @@ class BatchVisits(wiring.Component):
         items: `item_layout` items: the places of each visit in order, then one with `end`. The last item of a batch has
             `closes`; it is one with `none` where no visit of the batch comes last, because all tiles that were left have
             stopped.
-        done, current: as those of BatchBuffer.
+        done, current, joint, shift: as those of BatchBuffer.
         waiting, waiting_half, read_en, read_tile, read_word, read_half, read_data: of BatchMasks.
         busy: a batch is inside.
 
@@ -85,12 +104,14 @@ class BatchVisits(wiring.Component):
         check_supertiles(config)
         self.config = config
         super().__init__({
+            **joint_settings(config, "joint", "shift"),
             "batches": In(stream.Signature(batch_layout(config))),
             "visits": Out(stream.Signature(layout(tile_visit(config)))),
             "items": Out(stream.Signature(item_layout(config))),
-            "done": In(SUPER_TILES), "current": In(SEQUENCE_BITS),
-            "waiting": In(SUPER_TILES), "waiting_half": In(1), "read_en": Out(1), "read_tile": Out(SUPER_PLACES),
-            "read_word": Out(word_bits(config)), "read_half": Out(1), "read_data": In(mask_places(config)),
+            "done": In(batch_tiles(config)), "current": In(SEQUENCE_BITS),
+            "waiting": In(batch_tiles(config)), "waiting_half": In(1), "read_en": Out(1),
+            "read_tile": Out(batch_tile_bits(config)), "read_word": Out(word_bits(config)), "read_half": Out(1),
+            "read_data": In(mask_places(config)),
             "busy": Out(1),
         })
 
@@ -101,7 +122,7 @@ class BatchVisits(wiring.Component):
 
         def stopped(sequence: Value) -> Value:
             """The tiles of a super-tile that are known to have stopped."""
-            return done & (current == sequence).replicate(SUPER_TILES)
+            return done & (current == sequence).replicate(len(done))
 
         tiles = stream.Signature(_tile_layout(self.config)).create(path=("tiles",))
         words = stream.Signature(_word_layout(self.config)).create(path=("words",))
@@ -116,35 +137,46 @@ class BatchVisits(wiring.Component):
         m.submodules.ahead = ahead = Buffer(self.visits.payload.shape())
         wiring.connect(m, ahead.source, wiring.flipped(self.visits))
         batch, valid = Signal(self.batches.payload.shape(), reset_less=True), Signal()
-        left, seen = Signal(SUPER_TILES), Signal(SUPER_TILES)  # tiles to visit; those visited before in their super-tile
-        wanted, chosen, rest = Signal(SUPER_TILES), Signal(SUPER_TILES), Signal(SUPER_TILES)
+        count = batch_tiles(self.config)
+        left, seen = Signal(count), Signal(count)  # tiles to visit; those visited before in their super-tile
+        wanted, chosen, rest = Signal(count), Signal(count), Signal(count)
         visit, tile, goes = ahead.sink.payload, tiles.payload, Signal()
         comes = self.batches.payload
-        planes = [Cat(batch.plane[3 * n + k].as_unsigned() for k in range(3)) for n in range(SUPER_TILES)]
+        planes = [Cat(batch.plane[3 * n + k].as_unsigned() for k in range(3)) for n in range(count)]
         column = (SUPER_X - 1).bit_length()
         m.d.comb += [
-            wanted.eq(left & (batch.final.replicate(SUPER_TILES) | ~stopped(batch.sequence))),
+            wanted.eq(left & (batch.final.replicate(count) | ~stopped(batch.sequence))),
             chosen.eq(lowest(wanted)), rest.eq(wanted & ~chosen),
             tile.words.eq(select(chosen, batch.summary)),
             tile.tile.eq(place_of(chosen)), tile.half.eq(batch.half), tile.sequence.eq(batch.sequence),
             tile.level.eq(select(chosen, batch.level)), tile.blend.eq((chosen & batch.blend).any()),
             tile.visit.eq(wanted.any()), tile.closes.eq(~rest.any()),
-            visit.tile_x.eq(batch.x | tile.tile[:column]), visit.tile_y.eq(batch.y | tile.tile[column:]),
+            visit.tile_x.eq(self._column(m, tile, batch.x | tile.tile[:column])),
+            visit.tile_y.eq(batch.y | tile.tile[column:SUPER_PLACES]),
             visit.outer.eq(tile.level.any()), visit.blend.eq(tile.blend), visit.plane.eq(select(chosen, planes)),
-            visit.place.eq(tile.tile), visit.sequence.eq(batch.sequence),
+            visit.place.eq(tile.tile[:SUPER_PLACES]), visit.sequence.eq(batch.sequence),
             visit.fresh.eq(~(chosen & seen).any()), visit.final.eq(batch.final),
             tiles.valid.eq(valid & (ahead.sink.ready | ~tile.visit)), goes.eq(tiles.valid & tiles.ready),
             ahead.sink.valid.eq(goes & tile.visit),
             self.batches.ready.eq(~valid | goes & tile.closes),
         ]
+        if self.config.joint:
+            m.d.comb += visit.eye.eq(tile.tile[-1])
         with m.If(goes):
             m.d.sync += [left.eq(rest), seen.eq(Mux(tile.closes & batch.final, 0, seen | chosen))]
         with m.If(self.batches.ready):
             m.d.sync += valid.eq(self.batches.valid)
             with m.If(self.batches.valid):
                 used = Cat(words.any() for words in comes.summary)
-                m.d.sync += [batch.eq(comes), left.eq(comes.inside & (comes.final.replicate(SUPER_TILES) | used))]
+                m.d.sync += [batch.eq(comes), left.eq(comes.inside & (comes.final.replicate(count) | used))]
         return valid
+
+    def _column(self, m: Module, tile: data.View, column: Value) -> Value:
+        """The column of a tile in its eye's frame, from that in the grid of super-tiles."""
+        if not self.config.joint:
+            return column
+        source, target = origins(m, self.joint, self.shift)
+        return column - Mux(tile.tile[-1], target, source)
 
     def _choose_words(
         self, m: Module, tiles: stream.Interface, words: stream.Interface, stopped: Callable[[Value], Value],

@@ -19,10 +19,11 @@ _TESTED = ("mean2d", "conic", "log2_opacity")
 def carried_step(config: AcceleratorConfig) -> data.StructLayout:
     """A step beside the ellipse test: `row`, the first of its SUPER_Y tile rows; `inside`, which of them are in the splat's
     box; the box's columns; the splat's bound. `last` marks the splat's last step. An item with `end` is none; it follows the
-    last one of a phase."""
+    last one of a phase. With joint frames, `eye` is the splat's eye, whose `none` it also has."""
     axis = unsigned(axis_bits(config))
     return data.StructLayout({
-        "row": axis, "inside": unsigned(SUPER_Y), "first_x": axis, "last_x": axis, "bound": unsigned(2), "last": 1, "end": 1})
+        "row": axis, "inside": unsigned(SUPER_Y), "first_x": axis, "last_x": axis, "bound": unsigned(2), "last": 1, "end": 1,
+        **({"eye": 1, "none": 1} if config.joint else {})})
 
 
 def box_step_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -51,6 +52,7 @@ class BoxSteps(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
+        self._same = ("first_x", "last_x", "bound", "end", *(("eye", "none") if config.joint else ()))
         super().__init__({
             "splats": In(stream.Signature(layout(projected_splat(config)))), "rendering": In(1),
             "steps": Out(stream.Signature(box_step_layout(config)))})
@@ -71,7 +73,7 @@ class BoxSteps(wiring.Component):
             *(self.steps.payload.splat[name].eq(splat[name]) for name in _TESTED),
             carried.row.eq(row),
             carried.inside.eq(Cat((above <= i) & (rest >= i) for i in range(SUPER_Y))),
-            *(carried[name].eq(splat[name]) for name in ("first_x", "last_x", "bound", "end")),
+            *(carried[name].eq(splat[name]) for name in self._same),
             carried.last.eq(splat.end | (rest < SUPER_Y)),
         ]
         with m.If(leaves):

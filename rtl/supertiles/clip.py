@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Signal
-from amaranth.lib import stream, wiring
+from amaranth.hdl import Cat, Module, Signal, Value
+from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.shapes import layout
@@ -20,17 +20,23 @@ class SuperTileClip(wiring.Component):
     """In the second phase, gives every splat the part of its box that lies in the super-tile of its pair. In the first phase
     splats pass unchanged.
 
+    In machines with joint frames the columns of boxes are those of joint super-tiles. A splat of a joint frame need not touch
+    the super-tile in both eyes: where its box lies beside it, or the splat has `none` already, the whole super-tile becomes its
+    box, and `none` is set.
+
     Parameters:
         config: the machine, with super-tiles.
 
     Ports:
         splats: ProjectedSplat items; in the second phase those of pairs, super-tile by super-tile.
         supertiles: SuperTile items in the same order, of which only `x`, `y` and `pairs` matter. Each holds for as many splats
-            as it has pairs, and is taken before the first of them.
+            as it has pairs, and is taken before the first of them. In joint frames the item of the source holds for twice as
+            many, and that of the target is taken without effect.
         clipped: ProjectedSplat items, in order. A box always has a tile in its super-tile, because its splat has an
             intersection there.
         rendering: the phase is the second one; changes only while the unit is empty.
         busy: a splat is inside.
+        joint: setting; only machines with joint frames have it.
 
     Throughput: one splat a cycle, also where the super-tile changes; a super-tile without pairs takes a cycle, in which no
     splat is taken. Latency: one cycle; and one cycle from a super-tile to its first splat where the unit had no pairs left.
@@ -48,14 +54,15 @@ class SuperTileClip(wiring.Component):
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         check_supertiles(config)
+        self._joint = config.joint
         splats = stream.Signature(layout(projected_splat(config)))
         super().__init__({
             "splats": In(splats), "supertiles": In(stream.Signature(layout(supertile(config)))), "clipped": Out(splats),
-            "rendering": In(1), "busy": Out(1)})
+            "rendering": In(1), "busy": Out(1), **({"joint": In(1)} if config.joint else {})})
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        left, final, taken = Signal(COUNT_BITS), Signal(), Signal()  # splats of the super-tile that are to come, and the last
+        left, final, taken = Signal(COUNT_BITS + self._joint), Signal(), Signal()  # left: the super-tile's splats to come
         start = {axis: Signal(TILE_BITS, name=f"start_{axis}", reset_less=True) for axis in "xy"}
         out, item, tile = self.clipped, self.splats.payload, self.supertiles.payload
         m.d.comb += [
@@ -75,6 +82,24 @@ class SuperTileClip(wiring.Component):
                     m.d.sync += out.payload[f"first_{axis}"].eq(begin << places)
                 with m.If(self.rendering & (last[places:] != begin)):  # it ends behind it
                     m.d.sync += out.payload[f"last_{axis}"].eq((begin << places) | ((1 << places) - 1))
-        with m.If(self.supertiles.valid & self.supertiles.ready):
-            m.d.sync += [left.eq(tile.pairs), start["x"].eq(tile.x), start["y"].eq(tile.y)]
+        begins = self.supertiles.valid & self.supertiles.ready
+        if self._joint:
+            self._miss(m, item, taken, start)
+            m.d.comb += self.supertiles.ready.eq(self.rendering & (tile.eye | ~left.any() | taken & final))
+            begins &= ~tile.eye
+        with m.If(begins):
+            pairs = tile.pairs << self.joint if self._joint else tile.pairs
+            m.d.sync += [left.eq(pairs), start["x"].eq(tile.x), start["y"].eq(tile.y)]
         return m
+
+    def _miss(self, m: Module, item: data.View, taken: Value, start: dict[str, Signal]) -> None:
+        """Gives splats without a tile in the super-tile a box there, and marks them."""
+        places = {axis: (item[f"first_{axis}"][bits:], item[f"last_{axis}"][bits:], start[axis][bits:])
+                  for axis, bits in _PLACES.items()}
+        beside = Cat((first > begin) | (last < begin) for first, last, begin in places.values()).any()
+        with m.If(taken & self.rendering & (item.none | beside)):
+            m.d.sync += self.clipped.payload.none.eq(1)
+            for axis, bits in _PLACES.items():
+                begin = places[axis][2] << bits
+                m.d.sync += [self.clipped.payload[f"first_{axis}"].eq(begin),
+                             self.clipped.payload[f"last_{axis}"].eq(begin | ((1 << bits) - 1))]

@@ -58,6 +58,7 @@ class GroupWalk(wiring.Component):
         groups: `tested_group` items, for each step by column, at least one for each.
         enable, row, group, levels: the read port of `SuperLevelTable`.
         obb: all tiles of a box are touched, whatever the ellipse test found.
+        eye: with joint frames, of whose tiles the levels are read; the columns of steps are those of joint super-tiles.
 
     Throughput: one group a cycle, without gaps between steps; a step in which the splat touches no tile takes a cycle, too.
     Latency: 4 cycles, one for each stage: the columns, cut to the box; the walk, which addresses the table; the answer of the
@@ -74,11 +75,12 @@ class GroupWalk(wiring.Component):
             "group": Out(group_bits(config)),
             "levels": In(levels_layout()),
             "obb": In(1),
+            **({"eye": Out(1)} if config.joint else {}),
         })
         columns = data.ArrayLayout(axis_bits(config), SUPER_Y)
         self._cut_layout = data.StructLayout({
             "first": columns, "last": columns, "met": SUPER_Y, "row": axis_bits(config), "bound": 2, "last_step": 1, "end": 1,
-            **_halves(config)})
+            **_halves(config), **({"eye": 1} if config.joint else {})})
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
@@ -98,6 +100,8 @@ class GroupWalk(wiring.Component):
             leaves.eq(walked_valid & free),
             self.enable.eq(leaves), self.row.eq(walked.row), self.group.eq(group),
         ]
+        if self._config.joint:
+            m.d.comb += self.eye.eq(walked.eye)
         with m.If(leaves):
             m.d.sync += [group.eq(group + 1), walked_valid.eq(~ends)]
         with m.If(cut_leaves):
@@ -109,12 +113,16 @@ class GroupWalk(wiring.Component):
         """The columns of each tile row that lie in the box as well."""
         step, box = self.steps.payload, self.steps.payload.carried
         m.d.sync += [cut.row.eq(box.row), cut.bound.eq(box.bound), cut.last_step.eq(box.last), cut.end.eq(box.end)]
+        nothing = box.end
+        if self._config.joint:
+            m.d.sync += cut.eye.eq(box.eye)
+            nothing = box.end | box.none
         for i in range(SUPER_Y):
             first, last = Signal.like(box.first_x, name=f"first_{i}"), Signal.like(box.last_x, name=f"last_{i}")
             m.d.comb += [first.eq(Mux(~self.obb & (step.first[i] > box.first_x), step.first[i], box.first_x)),
                          last.eq(Mux(~self.obb & (step.last[i] < box.last_x), step.last[i], box.last_x))]
             m.d.sync += [cut.first[i].eq(first), cut.last[i].eq(last),
-                         cut.met[i].eq(box.inside[i] & ~box.end & (self.obb | ~step.none[i] & (first <= last)))]
+                         cut.met[i].eq(box.inside[i] & ~nothing & (self.obb | ~step.none[i] & (first <= last)))]
             if self._config.streams > 1:
                 halves = step.halves[i]
                 m.d.sync += [  # columns that the box cuts off have halves that are not looked at

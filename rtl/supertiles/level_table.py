@@ -6,10 +6,13 @@ from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from rtl.culling.frame import setting_ports
 from rtl.culling.level_table import GROUP_PLACES
 from rtl.shapes import layout
+from rtl.supertiles.grids import grid_origin
 from spec.config import AcceleratorConfig
 from spec.constants import SUPER_Y, TILE
+from spec.joint import SHIFT_MOST
 from spec.queues import LEVEL_GROUP
 from spec.records import TILE_BITS, tile_level
 
@@ -18,8 +21,9 @@ ROW_PLACES = SUPER_Y.bit_length() - 1
 
 
 def axis_bits(config: AcceleratorConfig) -> int:
-    """Bits of the number of a column or row of tiles, enough for two groups of columns."""
-    return max((-(-config.row_width // TILE) - 1).bit_length(), GROUP_PLACES + 1)
+    """Bits of the number of a column or row of tiles, enough for two groups of columns; with joint frames enough for the
+    columns of joint super-tiles."""
+    return max((-(-config.row_width // TILE) + SHIFT_MOST * config.joint - 1).bit_length(), GROUP_PLACES + 1)
 
 
 def row_bits(config: AcceleratorConfig) -> int:
@@ -53,14 +57,20 @@ class SuperLevelTable(wiring.Component):
         levels: their levels, a cycle after `enable`; they stay until the next read. Those of tiles beyond the frame are
             undefined.
 
+    With joint frames:
+        joint, shift: settings. In joint frames the source's items are followed by the target's, and columns are those of joint
+            super-tiles.
+        eye: of whose tiles the levels are read.
+
     Throughput: one write or read of the table per cycle. Latency: one cycle from `enable` to `levels`. Storage: for each row of
-    a super-tile a memory with a word of 32 bits for 16 tiles; for PAPER's rows 480 words.
+    a super-tile a memory with a word of 32 bits for 16 tiles; for PAPER's rows 480 words, with joint frames 960.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
         assert SUPER_Y == 2
         self._rows, self._groups = axis_bits(config), group_bits(config)
-        self._depth = -(-config.row_width // (TILE * SUPER_Y)) << self._groups
+        self._depth = -(-config.row_width // (TILE * SUPER_Y)) << self._groups + config.joint
+        self._joint = config.joint
         super().__init__({
             "table": In(stream.Signature(layout(tile_level(config)))),
             "filled": Out(1),
@@ -71,6 +81,7 @@ class SuperLevelTable(wiring.Component):
             "row": In(self._rows),
             "group": In(self._groups),
             "levels": Out(levels_layout()),
+            **({**setting_ports(config, ("joint", "shift")), "eye": In(1)} if config.joint else {}),
         })
 
     def elaborate(self, platform: object) -> Module:
@@ -81,16 +92,21 @@ class SuperLevelTable(wiring.Component):
         with m.If(self.enable):
             m.d.sync += odd.eq(self.row[0])
         m.d.comb += self.table.ready.eq(~self.filled)
+        place, target = column, Signal()
+        if self._joint:
+            place = Signal(self._groups + GROUP_PLACES)
+            m.d.comb += place.eq(column + grid_origin(m, self.joint, self.shift)(target))
+        written, wanted = ((target,), (self.eye,)) if self._joint else ((), ())
         for parity in range(SUPER_Y):
             words = memory.Memory(shape=data.ArrayLayout(2, LEVEL_GROUP), depth=self._depth, init=[])
             m.submodules[f"words_{parity}"] = words
             write, read = words.write_port(granularity=1), words.read_port()
             m.d.comb += [
-                write.addr.eq(Cat(column[GROUP_PLACES:][: self._groups], row[ROW_PLACES:])),
-                write.en.eq((taken & (row[:ROW_PLACES] == parity)) << column[:GROUP_PLACES]),
+                write.addr.eq(Cat(*written, place[GROUP_PLACES:][: self._groups], row[ROW_PLACES:])),
+                write.en.eq((taken & (row[:ROW_PLACES] == parity)) << place[:GROUP_PLACES]),
                 *(level.eq(item.level) for level in write.data),
                 read.en.eq(self.enable),
-                read.addr.eq(Cat(self.group, (self.row + (1 - parity))[ROW_PLACES : self._rows])),
+                read.addr.eq(Cat(*wanted, self.group, (self.row + (1 - parity))[ROW_PLACES : self._rows])),
             ]
             rows.append(read.data)
         m.d.comb += [self.levels[0].eq(Mux(odd, rows[1], rows[0])), self.levels[1].eq(Mux(odd, rows[0], rows[1]))]
@@ -100,6 +116,10 @@ class SuperLevelTable(wiring.Component):
                 m.d.sync += [column.eq(0), row.eq(row + 1)]
                 with m.If(row + 1 == self.tiles_y):
                     m.d.sync += [row.eq(0), self.filled.eq(1)]
+                    if self._joint:
+                        m.d.sync += [target.eq(self.joint), self.filled.eq(~self.joint | target)]
         with m.If(self.clear):
             m.d.sync += self.filled.eq(0)
+            if self._joint:
+                m.d.sync += target.eq(0)
         return m

@@ -20,14 +20,14 @@ _HALVES = LEVEL_GROUP // SUPER_X
 
 
 def super_columns(config: AcceleratorConfig) -> int:
-    """Columns of super-tiles of the widest frame."""
-    return -(-config.row_width // (TILE * SUPER_X))
+    """Columns of super-tiles of the widest frame; a joint frame may have one more."""
+    return -(-config.row_width // (TILE * SUPER_X)) + config.joint
 
 
 def sorted_record(config: AcceleratorConfig) -> Record:
     """The fields of a splat that its pairs have."""
     return Record("SortedSplat", sorted_record.__doc__, tuple(
-        f for f in projected_splat(config).fields if f.name in ("index", "depth_key")))
+        f for f in projected_splat(config).fields if f.name in ("index", "depth_key", "eye")))
 
 
 class PairExpand(wiring.Component):
@@ -136,7 +136,7 @@ class PairExpand(wiring.Component):
         ]
         with m.If(~held.end):
             m.d.comb += [out.payload.supertile.eq(Mux(above, held.upper_base, held.lower_base) + column),
-                         *(out.payload[name].eq(held.splat[name]) for name in ("index", "depth_key"))]
+                         *(out.payload[name].eq(held.splat[name]) for name in held.splat.shape().members)]
         with m.If(free):
             m.d.sync += [there.eq(lines.r_rdy), upper.eq(comes.upper), lower.eq(comes.lower), held.splat.eq(comes.splat),
                          held.upper_base.eq(comes.row * self.supers_x),

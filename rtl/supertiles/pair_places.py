@@ -17,21 +17,31 @@ from spec.constants import MAX_LEVELS
 from spec.harmonics import sum_format
 from spec.supertiles import batch_place
 
-_UNCHANGED = ("mean2d", "conic", "depth", "bound", "mask")
+CARRIED = data.StructLayout({"bound": 2, "keep": 1})
+"""In machines with joint frames, what is carried with the sums (`rtl.culling.compact_sum`)."""
+
+
+def _unchanged(config: AcceleratorConfig) -> tuple[str, ...]:
+    """The fields that a place takes unchanged."""
+    return ("mean2d", "conic", "depth", "bound", "mask", *(["eye"] if config.joint else []))
 
 
 class PairPlaces(wiring.Component):
     """Makes a splat record for every level among the tiles of a pair.
 
-        sums --> codes of a level and of the one above, decoded --> base colours added, rounded --> places
+        sums, splats --> codes of a level and of the one above, decoded --> base colours added, rounded --> places
 
     Parameters:
         config: the machine, with super-tiles.
-        carried: layout of the data that is carried with the sums: levels, and what a place takes unchanged.
+        carried: layout of the data that is carried with the sums: levels, and what a place takes unchanged; with joint frames
+            that of the splats.
 
     Ports:
         sums: `compact_sum_layout` items, one per pair; each is taken with the pair's last level, or at once where it has no
             level.
+        splats: in machines with joint frames, what a place takes unchanged, for each eye in which a pair has a level; `last`:
+            nothing of the pair follows. There is a sum for each of them or, while `once` is high, one for each pair.
+        once: see `splats`.
         places: BatchPlace items, pair by pair, for each pair the lowest level first.
 
     Throughput: one place a cycle. Latency: 2 cycles.
@@ -39,21 +49,25 @@ class PairPlaces(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig, *, carried: data.StructLayout) -> None:
         self.config = config
+        summed = CARRIED if config.joint else carried
         super().__init__({
-            "sums": In(stream.Signature(compact_sum_layout(config, carried))),
+            "sums": In(stream.Signature(compact_sum_layout(config, summed))),
+            **({"splats": In(stream.Signature(carried)), "once": In(1)} if config.joint else {}),
             "places": Out(stream.Signature(layout(batch_place(config)))),
         })
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        n, sums, splat, places = self.config.formats, self.sums, self.sums.payload.carried, self.places
+        n, sums, places, unchanged = self.config.formats, self.sums, self.places, _unchanged(self.config)
+        splat, offered = (self.splats.payload, sums.valid & self.splats.valid) if self.config.joint else (
+            sums.payload.carried, sums.valid)
         done, rest, level, above = (Signal(MAX_LEVELS, name=name) for name in ("done", "rest", "level", "above"))
         there, free, moves, last = Signal(), Signal(), Signal(), Signal()
         coarse = splat.bound == COARSE_BOUND
         held = Signal(data.StructLayout({
             "total": data.ArrayLayout(shape(sum_format(n)), 3), "dc": data.ArrayLayout(shape(n.sh_dc), 6),
             "log2_opacity": data.ArrayLayout(shape(n.log2_opacity), 2), "level": 2, "last": 1,
-            **{name: splat[name].shape() for name in _UNCHANGED}}), reset_less=True)
+            **{name: splat[name].shape() for name in unchanged}}), reset_less=True)
         m.d.comb += [
             rest.eq(splat.levels & ~done),
             level.eq(Cat(rest[i] & ~rest[:i].any() for i in range(MAX_LEVELS))),  # one-hot: the lowest that is left
@@ -61,19 +75,19 @@ class PairPlaces(wiring.Component):
             last.eq(~(rest & ~level).any()),
             free.eq(~places.valid | places.ready),
             moves.eq(~there | free),
-            sums.ready.eq(~rest.any() | moves & last),
         ]
+        taken, whole = self._take(m, splat, rest, moves, last)
         opacities, colours = level_codes(m, sums.payload.codes, coarse, level, above)
         with m.If(moves):
-            m.d.sync += there.eq(sums.valid & rest.any())
-        with m.If(moves & sums.valid & rest.any()):
+            m.d.sync += there.eq(offered & rest.any())
+        with m.If(moves & offered & rest.any()):
             m.d.sync += [
-                done.eq(done | level), held.level.eq(Cat(level[1] | level[3], level[2] | level[3])), held.last.eq(last),
-                held.total.eq(sums.payload.total), *(held[name].eq(splat[name]) for name in _UNCHANGED)]
+                done.eq(done | level), held.level.eq(Cat(level[1] | level[3], level[2] | level[3])), held.last.eq(whole),
+                held.total.eq(sums.payload.total), *(held[name].eq(splat[name]) for name in unchanged)]
             m.d.sync += [held.log2_opacity[i].eq(opacity(self.config, code)) for i, code in enumerate(opacities)]
             m.d.sync += [held.dc[i].eq(base_colour(self.config, code, coarse, sums.payload.codes.dc_range))
                          for i, code in enumerate(colours)]
-        with m.If(sums.valid & sums.ready):
+        with m.If(taken):
             m.d.sync += done.eq(0)
         with m.If(free):
             m.d.sync += places.valid.eq(there)
@@ -81,9 +95,22 @@ class PairPlaces(wiring.Component):
             m.d.sync += Value.cast(places.payload).eq(self._place(held))
         return m
 
+    def _take(self, m: Module, splat: data.View, rest: Value, moves: Value, last: Value) -> tuple[Value, Value]:
+        """Takes sums, and splats; `last` is the last level of the splat. Returns whether a splat is taken, and whether its
+        pair's last place is made."""
+        sums = self.sums
+        if not self.config.joint:
+            m.d.comb += sums.ready.eq(~rest.any() | moves & last)
+            return sums.valid & sums.ready, last
+        splats = self.splats
+        m.d.comb += [
+            splats.ready.eq(sums.valid & moves & last),
+            sums.ready.eq(splats.valid & moves & last & (~self.once | splat.last))]
+        return splats.valid & splats.ready, last & splat.last
+
     def _place(self, held: data.View) -> Value:
         """The place."""
-        values = {name: Value.cast(held[name]) for name in (*_UNCHANGED, "log2_opacity", "level", "last")}
+        values = {name: Value.cast(held[name]) for name in (*_unchanged(self.config), "log2_opacity", "level", "last")}
         values["colour"] = Cat(
             rounded_colour(self.config, held.total[i % 3], held.dc[i]) for i in range(6))
         return Cat(values[name] for name, _ in layout(batch_place(self.config)))

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from collections.abc import Callable
+
+from amaranth.hdl import Cat, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
 from rtl.shapes import layout, shape
+from rtl.supertiles.eyes import joint_settings, origins
 from rtl.tile_lists.beats import check_config, read_port
 from rtl.tile_lists.tile_settings import BEAT_TILES
 from spec.config import AcceleratorConfig
 from spec.constants import SUPER_TILES, SUPER_X, SUPER_Y, TILE
+from spec.joint import EYES
 from spec.memory import BEAT_BITS, TILE_SETTING_BYTES, check_memory, frame_settings, tile_setting
 from spec.records import COUNT_BITS, TILE_BITS, frame_supertiles, list_group
 from spec.supertiles import check_supertiles, supertile
@@ -33,12 +37,14 @@ class SuperTileReader(wiring.Component):
         lists: ListGroup items of every list of a frame, in order. Those of a whole frame are taken even if no other port moves.
         supertiles_base: the table's first beat.
         width, height: size of the frame in pixels, each 1 or more; stable during a frame, as is the base.
-        reads, data: read port of memory; the SUPERTILE_BEATS beats of a super-tile are requested when its last list comes.
-        supertiles: SuperTile items, one per super-tile, empty ones too.
+        reads, data: read port of memory; the SUPERTILE_BEATS beats of a super-tile are requested when its last list comes. A
+            joint frame has as many more for the target.
+        joint, shift: settings of the frame, in machines with joint frames.
+        supertiles: SuperTile items, one per super-tile, empty ones too; in joint frames two, of the source and of the target.
         clear: strobe: resets `error`.
         error: memory answered with an error. The items of such beats are undefined, but are passed on.
 
-    Storage: a count for each super-tile of the largest frame, and one SuperTile. Throughput: a list per cycle, a super-tile per
+    Storage: a count for each super-tile of the largest frame, and one SuperTile. Throughput: a list per cycle, an item per
     SUPERTILE_BEATS cycles. Latency: one cycle from a super-tile's last list to its first request, and one from its last beat to
     the item. A frame's first list is taken only when all beats of the frame before have been requested.
     """
@@ -51,7 +57,7 @@ class SuperTileReader(wiring.Component):
         size = {f.name: In(shape(f.format)) for f in frame_settings(config).fields if f.name in ("width", "height")}
         super().__init__({
             "lists": In(stream.Signature(layout(list_group(config)))),
-            "supertiles_base": In(BEAT_BITS), **size,
+            "supertiles_base": In(BEAT_BITS), **size, **joint_settings(config, "joint", "shift"),
             **read_port(config),
             "supertiles": Out(stream.Signature(layout(supertile(config)))),
             "clear": In(1), "error": Out(1),
@@ -65,7 +71,7 @@ class SuperTileReader(wiring.Component):
         settings, whole = self._settings(m, leaves)
         out = self.supertiles.payload
         m.d.comb += [
-            self.supertiles.valid.eq(waiting.r_rdy & whole), waiting.r_en.eq(leaves), out.pairs.eq(waiting.r_data),
+            self.supertiles.valid.eq(waiting.r_rdy & whole), waiting.r_en.eq(self._last(leaves)), out.pairs.eq(waiting.r_data),
             *(out.level[i].eq(setting.level) for i, setting in enumerate(settings)),
             out.blend.eq(Cat(setting.blend for setting in settings)),
             *(out.plane[3 * i + k].eq(setting.plane[k]) for i, setting in enumerate(settings) for k in range(3)),
@@ -73,11 +79,16 @@ class SuperTileReader(wiring.Component):
         self._place(m, leaves)
         return m
 
+    def _last(self, leaves: Value) -> Value:
+        """Whether a super-tile's last item leaves."""
+        return leaves & (~self.joint | self.supertiles.payload.eye) if self.config.joint else leaves
+
     def _ask(self, m: Module, waiting: SyncFIFOBuffered) -> None:
         """Adds up counts, puts the sum of each super-tile into the queue, and requests its settings."""
         item, taken = self.lists.payload, Signal()
         total, summed = Signal(COUNT_BITS), Signal(COUNT_BITS)
-        owed = Signal(range(SUPERTILE_BEATS * frame_supertiles(self.config) + 1))
+        owed = Signal(range((SUPERTILE_BEATS << self.config.joint) * frame_supertiles(self.config) + 1))
+        beats = Mux(self.joint, EYES * SUPERTILE_BEATS, SUPERTILE_BEATS) if self.config.joint else SUPERTILE_BEATS
         first, beat = item.tile == 0, Signal(BEAT_BITS, reset_less=True)
         m.d.comb += [
             summed.eq(total + item.count), waiting.w_data.eq(summed),
@@ -86,7 +97,7 @@ class SuperTileReader(wiring.Component):
             self.reads.valid.eq(owed.any()), self.reads.payload.beat.eq(beat),
         ]
         asked = self.reads.valid & self.reads.ready
-        m.d.sync += owed.eq(owed + Mux(waiting.w_en, SUPERTILE_BEATS, 0) - asked)
+        m.d.sync += owed.eq(owed + Mux(waiting.w_en, beats, 0) - asked)
         with m.If(taken):
             m.d.sync += total.eq(Mux(item.ends, 0, summed))
         with m.If(taken & first):
@@ -123,13 +134,30 @@ class SuperTileReader(wiring.Component):
         columns, rows = Signal(TILE_BITS + 1), Signal(TILE_BITS + 1)
         x, y = Signal(TILE_BITS), Signal(TILE_BITS)
         right, below = Signal.like(columns), Signal.like(rows)  # tiles from the super-tile's first one to the frame's edges
-        m.d.comb += [out.x.eq(x), out.y.eq(y), right.eq(columns - x), below.eq(rows - y)]
+        begins = origins(m, self.joint, self.shift) if self.config.joint else None
+        edge = columns + (begins[0] | begins[1]) if begins else columns  # one of the two is 0
+        m.d.comb += [out.x.eq(x), out.y.eq(y), right.eq(edge - x), below.eq(rows - y)]
+        across, over = (self._eye(m, leaves, begins, columns - x, x) if begins else
+                        (lambda column: right > column, leaves))
         m.d.comb += out.inside.eq(Cat(
-            (right > place % SUPER_X) & (below > place // SUPER_X) for place in range(SUPER_TILES)))
+            across(place % SUPER_X) & (below > place // SUPER_X) for place in range(SUPER_TILES)))
         m.d.sync += [
             columns.eq((self.width + (TILE - 1)) >> _TILE_SHIFT), rows.eq((self.height + (TILE - 1)) >> _TILE_SHIFT)]
-        with m.If(leaves):
+        with m.If(over):
             row_ends = right <= SUPER_X
             m.d.sync += x.eq(Mux(row_ends, 0, x + SUPER_X))
             with m.If(row_ends):
                 m.d.sync += y.eq(Mux(below <= SUPER_Y, 0, y + SUPER_Y))
+
+    def _eye(
+        self, m: Module, leaves: Value, begins: tuple[Signal, Signal], right: Value, x: Signal,
+    ) -> tuple[Callable[[int], Value], Value]:
+        """Turns from eye to eye, whose frames begin at these columns. Returns which columns of the super-tile lie in the eye's
+        frame, and whether a super-tile's last item leaves. `right` is the number of columns from the super-tile's first one to
+        the right edge of a frame that begins at column 0."""
+        source, target = begins
+        turn, origin, edge, over = Signal(), Signal.like(source), Signal(signed(TILE_BITS + 2)), self._last(leaves)
+        m.d.comb += [self.supertiles.payload.eye.eq(turn), origin.eq(Mux(turn, target, source)), edge.eq(right + origin)]
+        with m.If(leaves):
+            m.d.sync += turn.eq(~over)
+        return lambda column: (edge > column) & ((x != 0) | (origin <= column)), over

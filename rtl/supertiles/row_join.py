@@ -23,7 +23,7 @@ from spec.constants import TILE
 from spec.records import pixel_row
 from spec.supertiles import frame_rows
 
-_PLACE = ("tile_x", "tile_y", "row", "column")
+_PLACE = ("tile_x", "tile_y", "row", "column", "eye")
 
 
 class RowJoin(wiring.Component):
@@ -77,7 +77,7 @@ class RowJoin(wiring.Component):
         valid = [Array(rows.valid for rows in list(self.rows)[place::side_by_side])[turn] for place in range(side_by_side)]
         m.d.comb += [
             out.valid.eq(Cat(valid).all()),
-            *(out.payload[name].eq(parts[0][name]) for name in _PLACE),
+            *(out.payload[name].eq(parts[0][name]) for name in out.payload.shape().members if name in _PLACE),
             *(out.payload[name].as_value().eq(Cat(part[name].as_value() for part in parts))
               for name in out.payload.shape().members if name not in _PLACE),
             *(rows.ready.eq(out.ready & out.valid & (turn == q // side_by_side)) for q, rows in enumerate(self.rows))]

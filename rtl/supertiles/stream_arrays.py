@@ -14,6 +14,7 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.emit import add_shared
 from rtl.shapes import layout, shape
+from rtl.supertiles.eyes import joint_settings
 from rtl.supertiles.row_join import RowJoin
 from rtl.supertiles.stream_buffer import StreamBuffer
 from rtl.vrc_array.batch_array import BatchArray
@@ -35,7 +36,7 @@ class StreamArrays(wiring.Component):
         lines: rows of the line buffer of each array; None stands for the minimum (see `rtl.vrc_array.collect`).
 
     Ports:
-        supertiles, places, clear, batches, visits_count: those of StreamBuffer.
+        supertiles, places, joint, shift, clear, batches, visits_count: those of StreamBuffer.
         background: r, g, b behind everything; must be stable during a frame.
         pixels: all pixel rows of every tile, those of `spec.supertiles.frame_rows`, by final visit, in the order of its array.
         taking, taken: an intersection, or the end of a visit, is offered to an array; one or more are taken.
@@ -55,6 +56,7 @@ class StreamArrays(wiring.Component):
         super().__init__({
             "supertiles": In(stream.Signature(layout(supertile(config)))),
             "places": In(stream.Signature(layout(batch_place(config)))),
+            **joint_settings(config, "joint", "shift"),
             "background": In(data.ArrayLayout(shape(config.formats.colour), 3)),
             "pixels": Out(stream.Signature(layout(pixel_row(frame_rows(config))))),
             "clear": In(1), "taking": Out(1), "taken": Out(1), "busy": Out(1),
@@ -76,6 +78,9 @@ class StreamArrays(wiring.Component):
             m.d.comb += [array.background.eq(self.background), array.quarter.eq(q),
                          batches.done[q].eq(array.done), batches.current[q].eq(array.current)]
         wiring.connect(m, join.joined, wiring.flipped(self.pixels))
+        for name in ("joint", "shift"):
+            if self.config.joint:
+                m.d.comb += getattr(batches, name).eq(getattr(self, name))
         m.d.comb += [
             batches.clear.eq(self.clear), self.batches.eq(batches.batches), self.visits_count.eq(batches.visits_count),
             self.taking.eq(Cat(entries.valid for entries in batches.entries).any()),

@@ -23,11 +23,11 @@ from rtl.stream import Broadcast, Buffer
 from rtl.supertiles.batch_buffer import BatchBuffer
 from rtl.supertiles.batch_masks import BatchMasks, lowest
 from rtl.supertiles.batch_visits import BatchVisits, batch_layout, item_layout
+from rtl.supertiles.eyes import joint_settings
 from spec.config import AcceleratorConfig
-from spec.constants import SUPER_TILES
 from spec.memory import splat_record
 from spec.queues import COUNTER_BITS
-from spec.supertiles import SEQUENCE_BITS, batch_place, check_supertiles, supertile, tile_visit, visit_entry
+from spec.supertiles import SEQUENCE_BITS, batch_place, batch_tiles, check_supertiles, supertile, tile_visit, visit_entry
 
 _TAKEN = ("mean2d", "conic", "log2_opacity", "colour", "depth")
 """Fields of a splat record that an entry has unchanged."""
@@ -59,7 +59,8 @@ class StreamBuffer(BatchBuffer):
         wiring.Component.__init__(self, {
             "supertiles": In(stream.Signature(layout(supertile(config)))),
             "places": In(stream.Signature(layout(batch_place(config)))),
-            "done": In(SUPER_TILES).array(config.streams), "current": In(SEQUENCE_BITS).array(config.streams),
+            **joint_settings(config, "joint", "shift"),
+            "done": In(batch_tiles(config)).array(config.streams), "current": In(SEQUENCE_BITS).array(config.streams),
             "visits": Out(stream.Signature(layout(tile_visit(config)))).array(config.streams),
             "entries": Out(stream.Signature(layout(visit_entry(config)))).array(config.streams),
             "clear": In(1),
@@ -81,7 +82,7 @@ class StreamBuffer(BatchBuffer):
             wiring.connect(m, dealer.visits, wiring.flipped(self.visits[q]))
             batches = every.sources[q]
             m.d.comb += [
-                dealer.done.eq(self.done[q]), dealer.current.eq(self.current[q]),
+                dealer.done.eq(self.done[q]), dealer.current.eq(self.current[q]), *self._settings(dealer),
                 dealer.batches.payload.eq(batches.payload), dealer.batches.payload.summary.eq(mask.summary),
                 dealer.batches.valid.eq(batches.valid), batches.ready.eq(dealer.batches.ready),
                 *(getattr(dealer, name).eq(getattr(mask, name)) for name in ("waiting", "waiting_half", "read_data")),

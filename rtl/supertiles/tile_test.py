@@ -12,17 +12,20 @@ from rtl.culling.datapath import Datapath
 from rtl.culling.tile_columns import row_columns
 from rtl.culling.tile_expand import kept_record
 from rtl.shapes import layout, shape
+from rtl.stream import Buffer
 from rtl.supertiles.box_steps import BoxSteps, carried_step
 from rtl.supertiles.event_count import count
+from rtl.supertiles.grids import grid_apart, grid_origin
 from rtl.supertiles.group_walk import GroupWalk
 from rtl.supertiles.level_table import SuperLevelTable
 from rtl.supertiles.mask_expand import MaskExpand
 from rtl.supertiles.pair_expand import PairExpand
+from rtl.supertiles.pair_union import PairUnion
 from spec.config import AcceleratorConfig
 from spec.constants import SUPER_X, SUPER_Y, TILE
 from spec.memory import frame_settings
 from spec.queues import COUNTER_BITS, LEVEL_GROUP, TILE_TEST_BESIDE
-from spec.records import TILE_BITS, projected_splat, surviving_splat, tile_level
+from spec.records import INDEX_BITS, TILE_BITS, projected_splat, surviving_splat, tile_level
 from spec.supertiles import check_supertiles, supertile_pair
 
 _COUNTS = ("touched", "filtered", "entries", "survivors_count")
@@ -39,6 +42,9 @@ class SuperTileTest(wiring.Component):
                                                  ^     |
         table --------------------> SuperLevelTable    +-> MaskExpand --> survivors    second phase
 
+    In machines with joint frames (`spec.joint`) `PairUnion` stands behind PairExpand, and columns are those of joint
+    super-tiles but in the ellipse test, behind which the O of the splat's eye is added.
+
     Parameters:
         config: the machine, with super-tiles; `point_interval`, `row_width` and formats matter here.
 
@@ -49,7 +55,8 @@ class SuperTileTest(wiring.Component):
         rendering: the phase is the second one; changes only while `busy` is low.
         pairs: SuperTilePair items of the first phase, splat by splat in the order of the input, for each splat by the number of
             the super-tile; then `end`.
-        survivors: SurvivingSplat items of the second phase, one for every splat, in order; `end` is 0.
+        survivors: SurvivingSplat items of the second phase, one for every splat, in order; `end` is 0. Those of splats with
+            `none` have no tile.
         width, height, obb: settings as in `frame_settings`.
         touched: number of intersections of the first phase before the foveation filter. filtered: how many of them the filter
             rejects. entries: how many it passes. survivors_count: number of splats with a pair. All start from 0 with `clear`,
@@ -57,6 +64,13 @@ class SuperTileTest(wiring.Component):
         filled: the level table is full: from the transfer of its last item until `clear`.
         busy: splats are inside, or items that have not been taken.
         clear: strobe between frames: the level table empties, and counts restart.
+
+    With joint frames:
+        joint, shift: settings, as well.
+        splats: with the boxes of `EyeCulls`; those of the target come at once behind those of the source, where both come.
+        table: the items of the source are followed by those of the target.
+        survivors_count: number of Gaussians with a pair; the other counts are sums over both eyes.
+        ready: the memory of `PairUnion` is cleared.
 
     Which tiles a splat touches, and what the foveation filter passes, is as in `rtl.culling.tile_test.TileTest`. A group is
     what lies in a step within 16 columns, the first a multiple of 16. Groups reach from the first to the last column that the
@@ -82,7 +96,8 @@ class SuperTileTest(wiring.Component):
             "rendering": In(1),
             "pairs": Out(stream.Signature(layout(supertile_pair(config)))),
             "survivors": Out(stream.Signature(layout(surviving_splat(config)))),
-            **{name: In(settings[name]) for name in ("width", "height", "obb")},
+            **{name: In(settings[name]) for name in ("width", "height", "obb", *(("joint", "shift") if config.joint else ()))},
+            **({"ready": Out(1)} if config.joint else {}),
             **{name: Out(COUNTER_BITS) for name in _COUNTS},
             "filled": Out(1),
             "busy": Out(1),
@@ -97,8 +112,12 @@ class SuperTileTest(wiring.Component):
         m.submodules.walk = walk = GroupWalk(self.config)
         m.submodules.expand = expand = PairExpand(self.config)
         m.submodules.masks = masks = MaskExpand(self.config)
+        self._inside = Signal(name="inside")  # with joint frames: what `busy` means without `PairUnion`
         wiring.connect(m, wiring.flipped(self.table), levels.table)
-        wiring.connect(m, expand.pairs, wiring.flipped(self.pairs))
+        if self.config.joint:
+            self._join(m, levels, walk, expand)
+        else:
+            wiring.connect(m, expand.pairs, wiring.flipped(self.pairs))
         wiring.connect(m, masks.survivors, wiring.flipped(self.survivors))
         m.d.comb += [
             levels.enable.eq(walk.enable), levels.row.eq(walk.row), levels.group.eq(walk.group), walk.levels.eq(levels.levels),
@@ -110,19 +129,29 @@ class SuperTileTest(wiring.Component):
         self._part(m, walk, expand, masks)
         return m
 
+    def _join(self, m: Module, levels: SuperLevelTable, walk: GroupWalk, expand: PairExpand) -> None:
+        """Makes the pairs of both eyes one, and gives units the eye and the settings of a joint frame."""
+        m.submodules.union = union = PairUnion(self.config)
+        wiring.connect(m, expand.pairs, union.pairs)
+        wiring.connect(m, union.union, wiring.flipped(self.pairs))
+        m.d.comb += [
+            union.clear.eq(self.clear), self.ready.eq(union.ready), self.busy.eq(union.busy | self._inside),
+            levels.joint.eq(self.joint), levels.shift.eq(self.shift), levels.eye.eq(walk.eye)]
+
     def _sizes(self, m: Module, levels: SuperLevelTable, expand: PairExpand) -> None:
         """Registers the frame's size in tiles and super-tiles; it is stable long before it is used."""
         tiles_x, tiles_y, supers_x = Signal(TILE_BITS + 1), Signal(TILE_BITS + 1), Signal.like(expand.supers_x)
         places = TILE.bit_length() - 1
+        wide = tiles_x + grid_apart(self.joint, self.shift) if self.config.joint else tiles_x
         m.d.sync += [tiles_x.eq((self.width + (TILE - 1)) >> places), tiles_y.eq((self.height + (TILE - 1)) >> places),
-                     supers_x.eq((tiles_x + (SUPER_X - 1)) >> (SUPER_X.bit_length() - 1))]
+                     supers_x.eq((wide + (SUPER_X - 1)) >> (SUPER_X.bit_length() - 1))]
         m.d.comb += [levels.tiles_x.eq(tiles_x), levels.tiles_y.eq(tiles_y), expand.supers_x.eq(supers_x)]
 
     def _enter(self, m: Module, steps: BoxSteps, walk: GroupWalk, expand: PairExpand, masks: MaskExpand) -> None:
         """Sends splats to `BoxSteps` and into the queue."""
         kept = layout(kept_record(self.config))
         m.submodules.queue = queue = SyncFIFOBuffered(
-            width=kept.size, depth=self._ellipse.schedule.depth + TILE_TEST_BESIDE)
+            width=kept.size, depth=self._ellipse.schedule.depth + TILE_TEST_BESIDE + self.config.joint)
         splat, may, taken, ending = Signal(kept), Signal(), Signal(), Signal()
         m.d.comb += [
             may.eq(self.filled & queue.w_rdy),
@@ -138,7 +167,8 @@ class SuperTileTest(wiring.Component):
             masks.splats.payload.eq(splat),
             *(unit.splats.valid.eq(queue.r_rdy) for unit in (expand, masks)),
             queue.r_en.eq(expand.splats.ready | masks.splats.ready),
-            self.busy.eq(queue.level.any() | ending | expand.busy | self.pairs.valid | self.survivors.valid),
+            (self._inside if self.config.joint else self.busy).eq(
+                queue.level.any() | ending | expand.busy | self.pairs.valid | self.survivors.valid),
         ]
         with m.If(taken & self.splats.payload.end):
             m.d.sync += ending.eq(1)
@@ -146,9 +176,14 @@ class SuperTileTest(wiring.Component):
             m.d.sync += ending.eq(0)
 
     def _test(self, m: Module, steps: BoxSteps, walk: GroupWalk) -> None:
-        """Connects steps to the ellipse test, and the ellipse test to `GroupWalk`."""
-        item, splat, ellipse = steps.steps.payload, steps.steps.payload.splat, self._ellipse
+        """Connects steps to the ellipse test, and the ellipse test to `GroupWalk`, with joint frames over a register behind the
+        sum with O."""
+        item, splat, ellipse, tested = steps.steps.payload, steps.steps.payload.splat, self._ellipse, walk.steps
         operands, found = ellipse.sink.payload, ellipse.source.payload
+        if self.config.joint:
+            m.submodules.moved = moved = Buffer(walk.steps.payload.shape())
+            wiring.connect(m, moved.source, walk.steps)
+            tested, origin = moved.sink, grid_origin(m, self.joint, self.shift)(found.carried.eye)
         m.d.comb += [
             ellipse.sink.valid.eq(steps.steps.valid),
             steps.steps.ready.eq(ellipse.sink.ready),
@@ -157,23 +192,25 @@ class SuperTileTest(wiring.Component):
             operands.mean_y.eq(splat.mean2d[1]),
             operands.opacity.eq(splat.log2_opacity),
             operands.carried.eq(item.carried),
-            walk.steps.valid.eq(ellipse.source.valid),
-            ellipse.source.ready.eq(walk.steps.ready),
-            walk.steps.payload.carried.eq(found.carried),
+            tested.valid.eq(ellipse.source.valid),
+            ellipse.source.ready.eq(tested.ready),
+            tested.payload.carried.eq(found.carried),
         ]
         for i in range(SUPER_Y):
             columns = [found[f"{name}_{i}"] for name in ("first", "last")]
             if self.config.streams > 1:
-                halves = walk.steps.payload.halves[i]
+                halves = tested.payload.halves[i]
                 m.d.comb += [
                     halves.no_left.eq(columns[0][0]), halves.no_right.eq(~columns[1][0]),
                     halves.upper.eq(found[f"upper_{i}"]), halves.lower.eq(found[f"lower_{i}"])]
                 columns = [column[1:] for column in columns]
+            if self.config.joint:
+                columns = [column + origin for column in columns]
             m.d.comb += [
                 operands[f"row_{i}"].eq(item.carried.row + i),
-                walk.steps.payload.first[i].eq(columns[0]),
-                walk.steps.payload.last[i].eq(columns[1]),
-                walk.steps.payload.none[i].eq(found[f"none_{i}"]),
+                tested.payload.first[i].eq(columns[0]),
+                tested.payload.last[i].eq(columns[1]),
+                tested.payload.none[i].eq(found[f"none_{i}"]),
             ]
 
     def _part(self, m: Module, walk: GroupWalk, expand: PairExpand, masks: MaskExpand) -> None:
@@ -192,9 +229,21 @@ class SuperTileTest(wiring.Component):
         m.d.sync += [
             *(now.eq(Mux(first, _ones(tiles), 0)) for now, tiles in (
                 (touched, item.touched), (filtered, item.touched.as_value() & ~item.passed.as_value()), (passed, item.passed))),
-            lives.eq(expand.lives)]
+            lives.eq(self._lives(m, expand))]
         for name, amount in zip(_COUNTS, (touched, filtered, passed, lives), strict=True):
             count(m, getattr(self, name), amount, self.clear)
+
+
+    def _lives(self, m: Module, expand: PairExpand) -> Value:
+        """Whether a Gaussian with a pair has come that is not counted yet; in joint frames the source may have had one."""
+        if not self.config.joint:
+            return expand.lives
+        splat, known, there = expand.splats.payload, Signal(INDEX_BITS, reset_less=True), Signal()
+        with m.If(expand.lives):
+            m.d.sync += [known.eq(splat.index), there.eq(1)]
+        with m.If(self.clear):
+            m.d.sync += there.eq(0)
+        return expand.lives & ~(splat.eye & there & (known == splat.index))
 
 
 def _ones(tiles: Value) -> Value:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -15,7 +15,8 @@ from spec.records import frame_tiles, tile_level
 
 
 class TableLoader(wiring.Component):
-    """Reads a frame's TileSettings once and passes them on as TileLevel items in tile order.
+    """Reads a frame's TileSettings once and passes them on as TileLevel items in tile order. In joint frames those of the
+    target follow those of the source.
 
     Parameters:
         config: the machine; `row_width` matters here.
@@ -33,6 +34,9 @@ class TableLoader(wiring.Component):
         target, mask_tile, mask: see `mask_port`.
         rendered_tiles: number of rendered tiles among the items that were taken since `start`.
 
+    With joint frames:
+        joint, target_tiles_base: settings, as well; `tile_count` is that of each eye.
+
     Throughput: one tile per cycle. Latency: one cycle from a beat to its first item.
     """
 
@@ -45,6 +49,7 @@ class TableLoader(wiring.Component):
             "levels": Out(stream.Signature(layout(tile_level(config)))),
             "busy": Out(1), "done": Out(1), "error": Out(1),
             **mask_port(config), **({"rendered_tiles": Out(range(frame_tiles(config) + 1))} if config.stereo else {}),
+            **({"joint": In(1), "target_tiles_base": In(BEAT_BITS)} if config.joint else {}),
         })
 
     def elaborate(self, platform: object) -> Module:
@@ -79,4 +84,18 @@ class TableLoader(wiring.Component):
                 m.d.sync += self.rendered_tiles.eq(0)
             with m.Elif(taken & table.rendered):
                 m.d.sync += self.rendered_tiles.eq(self.rendered_tiles + 1)
+        if self.config.joint:
+            self._add_target(m, beats, tile, taken & table.last)
         return m
+
+    def _add_target(self, m: Module, beats: BeatRun, tile: Signal, whole: Value) -> None:
+        """Reads the target's table when the source's is through."""
+        again, target = Signal(), Signal()
+        m.d.comb += [
+            self.levels.payload.eye.eq(target), beats.start.eq(self.start | again),
+            beats.base.eq(Mux(target, self.target_tiles_base, self.tiles_base))]
+        m.d.sync += again.eq(0)
+        with m.If(whole):
+            m.d.sync += target.eq(0)
+            with m.If(self.joint & ~target):
+                m.d.sync += [target.eq(1), again.eq(1), tile.eq(0), self.busy.eq(1), self.done.eq(0)]

@@ -9,6 +9,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.chunks.chunk_reader import ChunkReader
 from rtl.shapes import layout
 from rtl.supertiles.buckets import depth_buckets
+from rtl.supertiles.grids import grid_apart
 from rtl.supertiles.pair_writer import PairWriter
 from rtl.tile_lists.table_loader import TableLoader
 from rtl.top import splat_path
@@ -123,7 +124,7 @@ class BinPhase(wiring.Component):
             buckets.sorted_item.eq(self.sorted_item), buckets.sorted_taken.eq(self.sorted_taken),
             self.list_count.eq(buckets.list_count), self.full.eq(writer.full)]
         add_chunk_test(m, self, loader, reader)
-        self._begin(m, buckets, writer.busy)
+        self._begin(m, path, buckets, writer.busy)
         self._follow(m, loader, path)
         watched = (reader.data, writer.entries)
         m.d.comb += [
@@ -133,14 +134,17 @@ class BinPhase(wiring.Component):
             self._count(m, reader, path)
         return m
 
-    def _begin(self, m: Module, buckets: wiring.Component, writing: Value) -> None:
+    def _begin(self, m: Module, path: SplatPath, buckets: wiring.Component, writing: Value) -> None:
         """Counts the frame's super-tiles, row by row, and then gives the lists their bounds. Until the number of lists is known
         the phase is not ready."""
         columns, rows, count = Signal(TILE_BITS), Signal(TILE_BITS), Signal.like(buckets.supertile_count)
         counting, settling, waits = Signal(), Signal(2), ~buckets.busy & (rows == 0)
+        width: Value = self.settings.width
+        if self.config.joint:  # as many columns of tiles more as the frames of both eyes are apart
+            width = width + (grid_apart(self.settings.joint, self.settings.shift) << (TILE.bit_length() - 1))
         with m.If(self.clear):
             m.d.sync += [
-                columns.eq((self.settings.width + ((1 << _COLUMN) - 1)) >> _COLUMN),
+                columns.eq((width + ((1 << _COLUMN) - 1)) >> _COLUMN),
                 rows.eq((self.settings.height + ((1 << _ROW) - 1)) >> _ROW), count.eq(0), counting.eq(1)]
         with m.Elif(rows != 0):
             m.d.sync += [rows.eq(rows - 1), count.eq(count + columns)]
@@ -150,6 +154,8 @@ class BinPhase(wiring.Component):
         m.d.comb += [
             buckets.supertile_count.eq(count), buckets.clear.eq(counting & waits),
             self.ready.eq(~counting & ~settling.any() & ~writing)]
+        if self.config.joint:
+            m.d.comb += self.ready.eq(~counting & ~settling.any() & ~writing & path.ready)
 
     def _follow(self, m: Module, loader: TableLoader, path: SplatPath) -> None:
         """Follows the ends of table and frame."""

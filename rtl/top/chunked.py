@@ -28,6 +28,8 @@ def add_chunk_test(m: Module, phase: wiring.Component, loader: TableLoader, read
     m.submodules.headers = headers = ChunkHeaderReader(phase.config)
     m.submodules.bounds = bounds = LevelBounds(phase.config)
     m.submodules.chunk_test = test = ChunkTest(phase.config)
+    if phase.config.joint:
+        _add_target(m, phase, loader, bounds, test)
     for unit in (headers, bounds, test):
         connect_settings(m, phase, unit)
     wiring.connect(m, headers.reads, wiring.flipped(phase.reads_chunks))
@@ -40,3 +42,14 @@ def add_chunk_test(m: Module, phase: wiring.Component, loader: TableLoader, read
         bounds.item.eq(levels.payload), bounds.taken.eq(levels.valid & levels.ready), test.bounds.eq(bounds.bounds)]
     if phase.config.counters:
         m.d.comb += [phase.chunks_read.eq(test.chunks_read), phase.chunks_skipped.eq(test.chunks_skipped)]
+
+
+def _add_target(m: Module, phase: wiring.Component, loader: TableLoader, source: LevelBounds, test: ChunkTest) -> None:
+    """Adds the level bounds of the target eye, whose tiles follow those of the source."""
+    m.submodules.target_bounds = target = LevelBounds(phase.config)
+    connect_settings(m, phase, target)
+    levels = loader.levels
+    m.d.comb += [
+        target.clear.eq(phase.clear), target.item.eq(levels.payload), target.taken.eq(levels.valid & levels.ready),
+        test.target_bounds.eq(target.bounds),
+        source.other.eq(levels.payload.eye), target.other.eq(~levels.payload.eye)]

@@ -94,8 +94,8 @@ class GatherPhase(wiring.Component):
         hits: the list of every pair; it comes during the first phase.
         merged, listed: TileGroup items of all lists, and the same lists as ListGroup items.
         sorted_item, sorted_taken: what leaves the sorter, and whether it does.
-        gathered: GaussianPoint items of sorted pairs. tested: a SurvivingSplat for each of them.
-        supertiles: a SuperTile for each super-tile of the frame, in order.
+        gathered: GaussianPoint items of sorted pairs. tested: a SurvivingSplat for each of them, in joint frames for each eye.
+        supertiles: a SuperTile for each super-tile of the frame, in joint frames for each eye, in order.
         counted: all hits of the frame have come since `clear`.
         done: all pixels of the frame are in memory.
         overflow: a group did not fit the spill region.
@@ -191,7 +191,8 @@ class GatherPhase(wiring.Component):
         m.submodules.fork = fork = Fork(self.listed.payload.shape())
         m.submodules.supertiles = made = SuperTileReader(self.config)
         m.submodules.supertile_fork = broadcast = Broadcast(made.supertiles.payload.shape())
-        m.submodules.queue = queue = SyncFIFOBuffered(width=made.supertiles.payload.shape().size, depth=SUPERTILES_AHEAD)
+        m.submodules.queue = queue = SyncFIFOBuffered(
+            width=made.supertiles.payload.shape().size, depth=SUPERTILES_AHEAD << self.config.joint)
         connect_settings(m, self, made)
         counted, open_ = Signal(), Signal()
         with m.If(self.hits.valid & self.hits.ready & self.hits.payload.end):

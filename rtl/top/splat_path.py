@@ -37,6 +37,8 @@ class SplatPath(wiring.Component):
                    ├► ProjectionUnit ─► SuperTileClip ─► SuperTileTest ─┬─► binned        first phase
         gathered  ─┘             supertiles ─▲       table ─▲           └─► tested        second phase
 
+    In a joint frame (`spec.joint`) the projection unit makes two splats of every Gaussian, the source's and the target's.
+
     Parameters:
         config: the machine, with super-tiles.
 
@@ -44,12 +46,14 @@ class SplatPath(wiring.Component):
         settings: the frame's settings.
         clear: strobe between frames, when nothing is inside.
         rendering: level: the second phase. It changes only while nothing is inside.
-        table: TileLevel items, before a frame's Gaussians.
+        table: TileLevel items, before a frame's Gaussians; in joint frames those of the source and then those of the target.
         points: GaussianPoint items of the first phase; the last one is `end`. gathered: those of the second, one for each pair.
-        supertiles: SuperTile items of the second phase (`SuperTileClip`).
+        supertiles: SuperTile items of the second phase (`SuperTileClip`), in joint frames two for each super-tile.
         binned: SuperTilePair items of the first phase, then `end`.
-        tested: SurvivingSplat items of the second phase, one for each pair.
+        tested: SurvivingSplat items of the second phase, one for each pair; in joint frames two, that of the source first, each
+            with the tiles of its eye, of which there may be none.
         busy: a splat is in the clip or in the tile test.
+        ready: with joint frames: what `clear` begins is done.
         stage_valid, stage_ready: handshakes of the input streams of STAGES, one bit each.
         culled_near, culled_faint, culled_outside, survivors, entries, filtered, saturated_means, saturated_depths,
         saturated_keys: counts of the first phase; they keep their values in the second.
@@ -69,7 +73,8 @@ class SplatPath(wiring.Component):
             "supertiles": In(stream.Signature(layout(supertile(config)))),
             "binned": Out(stream.Signature(layout(supertile_pair(config)))),
             "tested": Out(stream.Signature(layout(surviving_splat(config)))), "busy": Out(1),
-            "stage_valid": Out(len(STAGES)), "stage_ready": Out(len(STAGES)), **{name: Out(COUNTER_BITS) for name in COUNTS}})
+            "stage_valid": Out(len(STAGES)), "stage_ready": Out(len(STAGES)), **{name: Out(COUNTER_BITS) for name in COUNTS},
+            **({"ready": Out(1)} if config.joint else {})})
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
@@ -85,6 +90,9 @@ class SplatPath(wiring.Component):
             self.gathered.ready.eq(projection.sink.ready & self.rendering),
             clip.rendering.eq(self.rendering), test.rendering.eq(self.rendering), test.clear.eq(self.clear),
             self.busy.eq(clip.busy | test.busy)]
+        if self.config.joint:
+            connect_settings(m, self, clip)
+            m.d.comb += [projection.rendering.eq(self.rendering), self.ready.eq(test.ready)]
         wiring.connect(m, projection.source, clip.splats)
         wiring.connect(m, wiring.flipped(self.supertiles), clip.supertiles)
         wiring.connect(m, clip.clipped, test.splats)

@@ -29,10 +29,9 @@ from rtl.vrc_array.collect import place_layout
 from rtl.vrc_array.expand import Expand
 from rtl.vrc_array.pixel_state import PixelState
 from spec.config import AcceleratorConfig
-from spec.constants import SUPER_TILES
 from spec.queues import ARRAY_TILES, COUNTER_BITS
 from spec.records import pixel_row
-from spec.supertiles import SEQUENCE_BITS, check_supertiles, tile_visit, visit_entry
+from spec.supertiles import SEQUENCE_BITS, batch_tiles, check_supertiles, tile_visit, visit_entry
 
 
 class BatchArray(wiring.Component):
@@ -51,7 +50,8 @@ class BatchArray(wiring.Component):
         background: r, g, b behind everything; must be stable during a frame.
         pixels: all pixel rows of every tile, ordered by final visit, then block (row-major), then row.
         current: the super-tile (`sequence`) of the last visit taken.
-        done: one bit per tile of `current`: all of its pixels had stopped when its state was last stored. See PixelState.
+        done: one bit per tile of `current`, in joint frames of both eyes: all of its pixels had stopped when its state was
+            last stored. See PixelState.
         ops: ops issued to the cores since reset, loads and stores among them; an op counts once for each block.
         skipped: intersections skipped since reset because all pixels of their tile had stopped.
         waits: cycles since reset in which an op waited, and the array with it: a load for its tile's last store, or one that
@@ -75,7 +75,7 @@ class BatchArray(wiring.Component):
             "background": In(data.ArrayLayout(shape(config.formats.colour), 3)),
             "pixels": Out(stream.Signature(layout(pixel_row(config)))),
             "current": Out(SEQUENCE_BITS),
-            "done": Out(SUPER_TILES),
+            "done": Out(batch_tiles(config)),
             "ops": Out(COUNTER_BITS),
             "skipped": Out(COUNTER_BITS),
             "waits": Out(COUNTER_BITS),

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from amaranth.hdl import Const, Module, Mux, Value
+from amaranth.hdl import Cat, Const, Module, Mux, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.vrc_array.blocks import BlockSequencer
 from rtl.vrc_array.pixel_core import index_shape
 from spec.config import AcceleratorConfig
-from spec.supertiles import SUPER_PLACES, check_supertiles
+from spec.supertiles import batch_tile_bits, check_supertiles
 
 
 class BatchSequencer(BlockSequencer):
@@ -36,7 +36,7 @@ class BatchSequencer(BlockSequencer):
         return {
             **super()._ports(),
             "may_load": In(1), "may_store": In(1), "loading": Out(1), "storing": Out(1),
-            "place": Out(SUPER_PLACES), "fresh": Out(1), "block": Out(index_shape(self.config.blocks)),
+            "place": Out(batch_tile_bits(self.config)), "fresh": Out(1), "block": Out(index_shape(self.config.blocks)),
         }
 
     def _free(self, op: Any) -> Value:
@@ -49,5 +49,6 @@ class BatchSequencer(BlockSequencer):
     def _issue(self, m: Module, strobe: Value, op: Any, polynomial: dict[str, Value], block: Value | None) -> None:
         super()._issue(m, strobe, op, polynomial, block)
         m.d.comb += [
-            self.place.eq(op.place), self.fresh.eq(op.fresh), self.block.eq(Const(0) if block is None else block),
+            self.place.eq(Cat(op.place, op.eye) if self.config.joint else op.place), self.fresh.eq(op.fresh),
+            self.block.eq(Const(0) if block is None else block),
             self.loading.eq(strobe & op.load), self.storing.eq(strobe & op.drain & ~op.last)]

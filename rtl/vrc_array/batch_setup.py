@@ -113,4 +113,6 @@ class BatchSetup(SetupUnit):
         """Tells loads, stores and backgrounds apart, and adds the tile's place."""
         op = out.payload
         flags = {"last": slot.last, "load": slot.state, "place": header.place, "fresh": header.fresh}
+        if self.config.joint:
+            flags["eye"] = header.eye
         m.d.comb += [op[name].eq(p.control(name, flag).at(end)) for name, flag in flags.items()]

@@ -52,7 +52,10 @@ from spec.supertiles import SEQUENCE_BITS
 _FAN_IN = 4
 """Rows that one stage of the row multiplexer combines."""
 
-_PLACE = ("tile_x", "tile_y", "row", "column")
+
+def _place(config: AcceleratorConfig) -> tuple[str, ...]:
+    """The fields of a row that say where it lies."""
+    return ("tile_x", "tile_y", "row", "column", *(["eye"] if config.joint else []))
 
 
 def place_latency(config: AcceleratorConfig) -> int:
@@ -68,6 +71,7 @@ def place_layout(config: AcceleratorConfig) -> data.StructLayout:
         "blend": 1,
         "plane": data.ArrayLayout(shape(config.formats.plane), 3),
         **({"sequence": SEQUENCE_BITS} if config.supertiles else {}),  # the super-tile
+        **({"eye": 1} if config.joint else {}),
     })
 
 
@@ -152,7 +156,7 @@ class Collect(wiring.Component):
         wait = Signal(range(self.config.array_y))
         self._admit(m, room, wait == 0)
         m.d.sync += wait.eq(Mux(self.draining, self.config.array_y - 1, wait - wait.any()))
-        self._buffer(m, {name: place[name].at(end) for name in ("valid", *_PLACE)}, mixed, shown)
+        self._buffer(m, {name: place[name].at(end) for name in ("valid", *_place(self.config))}, mixed, shown)
         return pixels
 
     def _admit(self, m: Module, room: Value, apart: Value) -> None:
@@ -213,6 +217,8 @@ class Collect(wiring.Component):
             "tile_x": head.tile_x, "tile_y": head.tile_y, "row": self._in_tile(Cat(row, block_row), 1),
             "column": self._in_tile(Cat(Const(0, (config.array_x - 1).bit_length()), column), 0),
         }
+        if config.joint:
+            fields["eye"] = head.eye
         place = {name: p.data(name, value) for name, value in fields.items()}
         if config.level_banks == 2:
             place |= {"blend": p.data("blend", head.blend), "plane": p.data("plane", head.plane)}
@@ -266,7 +272,7 @@ class Collect(wiring.Component):
         # One of its words is the output register
         m.submodules.lines = lines = SyncFIFOBuffered(width=stored.size, depth=self.lines + 1)
         word = Signal(stored)
-        m.d.comb += [word[name].eq(place[name]) for name in _PLACE]
+        m.d.comb += [word[name].eq(place[name]) for name in _place(self.config)]
         for x, pixel in enumerate(mixed):
             m.d.comb += [word.colour[3 * x + c].eq(pixel.colour[c]) for c in range(3)]
             m.d.comb += word.transmittance[x].eq(pixel.transmittance)

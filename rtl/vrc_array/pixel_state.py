@@ -30,8 +30,7 @@ from rtl.vrc_array.batch_row import state_layout
 from rtl.vrc_array.pixel_core import index_shape
 from rtl.vrc_array.row import SUMS_LATER
 from spec.config import AcceleratorConfig
-from spec.constants import SUPER_TILES
-from spec.supertiles import SEQUENCE_BITS, SUPER_PLACES, check_supertiles
+from spec.supertiles import SEQUENCE_BITS, batch_tile_bits, batch_tiles, check_supertiles
 from spec.tables import t_stop
 
 
@@ -94,16 +93,17 @@ class PixelState(wiring.Component):
         pending: one bit per tile: a store is under way, so that its loads are held back.
 
     Throughput: a row is loaded and a row is stored per cycle. Loads are held back until `cores_y` cycles after the last one.
-    Storage: for 16 x 16 cores with two banks and depth, 256 words of 480 bits and 256 of 2,016.
+    Storage: for 16 x 16 cores with two banks and depth, 256 words of 480 bits and 256 of 2,016; in machines with joint frames
+    twice as many.
     """
 
     def __init__(self, config: AcceleratorConfig):
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         check_supertiles(config)
-        self.config = config
+        self.config, tiles = config, batch_tiles(config)
         super().__init__({
-            "place": In(SUPER_PLACES),
+            "place": In(batch_tile_bits(config)),
             "fresh": In(1),
             "block": In(index_shape(config.blocks)),
             "may_load": Out(1),
@@ -114,8 +114,8 @@ class PixelState(wiring.Component):
             "visit": In(1),
             "sequence": In(SEQUENCE_BITS),
             "current": Out(SEQUENCE_BITS),
-            "done": Out(SUPER_TILES),
-            "pending": Out(SUPER_TILES),
+            "done": Out(tiles),
+            "pending": Out(tiles),
         })
 
     def elaborate(self, platform: object) -> Module:
@@ -129,7 +129,7 @@ class PixelState(wiring.Component):
 
     def _hold(self, m: Module, apart: Value, last: Value) -> None:
         """Holds back loads of tiles with a store under way."""
-        begins, lands = Signal(SUPER_TILES), Signal(SUPER_TILES)
+        begins, lands = Signal(len(self.pending)), Signal(len(self.pending))
         m.d.comb += [
             begins.eq(Mux(self.storing, 1 << self.place, 0)),
             lands.eq(Mux(self.stored.valid & last, 1 << self.stored.place, 0)),
@@ -191,7 +191,7 @@ class PixelState(wiring.Component):
     ) -> None:
         """Adds the memory of a part of the state, which is read at `stage` of the addresses."""
         load, new, address = (part.at(stage) for part in read)
-        rows = SUPER_TILES * self.config.region**2 // self.config.array_x
+        rows = batch_tiles(self.config) * self.config.region**2 // self.config.array_x
         m.submodules[name] = memory = StateMemory(sum(map(len, stored)), rows, start)
         m.d.comb += [
             memory.read.eq(load), memory.fresh.eq(new), memory.address.eq(address), Cat(*state).eq(memory.state),

@@ -21,6 +21,7 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.fixed import saturate
 from rtl.shapes import layout, shape
+from rtl.supertiles.eyes import joint_settings
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.formats import Fixed
@@ -46,6 +47,7 @@ def frame_writer_ports(config: AcceleratorConfig, settings: Collection[str]) -> 
         "writes": Out(stream.Signature(layout(write_request(config)))),
         "writes_idle": In(1),
         **{f.name: In(shape(f.format)) for f in frame_settings(config).fields if f.name in settings},
+        **joint_settings(config, "joint", "target_frame_base"),
         "tile_count": In(range(frame_tiles(config) + 1)),
         "begin": In(1),
         "pixels": Out(COUNTER_BITS),
@@ -65,11 +67,12 @@ class PixelWriter(wiring.Component):
         writes: the memory's write port; words whose strobe is low are 0.
         writes_idle: the memory has completed all writes that it took.
         width, height, display, frame_base: settings of the frame.
-        tile_count: tiles of the frame.
+        joint, target_frame_base: in machines with joint frames, settings of the frame: rows of the target go there.
+        tile_count: tiles of the frame, or of either eye of a joint frame.
         begin: strobe before a frame's first row; clears `finished` and `pixels`.
         pixels: pixels written since `begin`, up to the previous cycle; always 0 without `config.counters`.
-        finished: all rows of `tile_count` tiles have arrived since `begin`, and memory has their pixels. Stays high until
-            `begin`.
+        finished: all rows of `tile_count` tiles, in joint frames twice as many, have arrived since `begin`, and memory has
+            their pixels. Stays high until `begin`.
         busy: a row is inside.
 
     Storage: two rows. Throughput: one beat per cycle, one row per cycle. Order is kept. Latency: 2 cycles.
@@ -85,6 +88,7 @@ class PixelWriter(wiring.Component):
         m = Module()
         packed, packed_room = Signal(), Signal()
         line, start, left, below = self._pack(m, packed, packed_room)
+        base = self._base(m)
 
         lanes, slots = self.config.array_x, self.config.array_x * PIXEL_WORDS + WORDS  # space to shift into
         held, inside = Signal(WORD_BITS * slots, reset_less=True), Signal(slots)
@@ -106,7 +110,7 @@ class PixelWriter(wiring.Component):
             m.d.sync += inside.eq(Mux(packed, mask << place, 0))
             with m.If(packed):
                 m.d.sync += held.eq(Mux(place[2], by_word << WORD_BITS * PIXEL_WORDS, by_word))
-                m.d.sync += beat.eq(self.frame_base + Mux(display, start >> 3, start >> 1))
+                m.d.sync += beat.eq(base + Mux(display, start >> 3, start >> 1))
         with m.Elif(self.writes.ready):
             m.d.sync += [inside.eq(inside >> WORDS), held.eq(held >> WORD_BITS * WORDS), beat.eq(beat + 1)]
         out = self.writes.payload
@@ -116,6 +120,15 @@ class PixelWriter(wiring.Component):
         ]
         self._count(m, packed | sends, inside[:WORDS])
         return m
+
+    def _base(self, m: Module) -> Value:
+        """The first beat of the frame to which the row in the first register stage belongs."""
+        if not self.config.joint:
+            return self.frame_base
+        target = Signal(reset_less=True)
+        with m.If(self.rows.valid & self.rows.ready):
+            m.d.sync += target.eq(self.rows.payload.eye)
+        return Mux(target, self.target_frame_base, self.frame_base)
 
     def _pack(self, m: Module, packed: Signal, room: Signal) -> tuple[Any, ...]:
         """The first register stage.
@@ -156,6 +169,10 @@ class PixelWriter(wiring.Component):
     def _count(self, m: Module, busy: Value, inside: Value) -> None:
         """Counts tiles that have arrived and pixels that have left."""
         row, tiles = Signal(range(TILE * TILE // self.config.array_x)), Signal.like(self.tile_count)
+        count = self.tile_count
+        if self.config.joint:
+            tiles = Signal(len(count) + 1)
+            count = Mux(self.joint, count << 1, count)
         with m.If(self.rows.valid & self.rows.ready):
             m.d.sync += row.eq(row + 1)  # a tile has a power of two of rows, so the counter wraps
             with m.If(row.all()):
@@ -169,7 +186,7 @@ class PixelWriter(wiring.Component):
             m.d.sync += [row.eq(0), tiles.eq(0), self.pixels.eq(0)]
         m.d.comb += [
             self.busy.eq(busy),
-            self.finished.eq((tiles == self.tile_count) & ~busy & self.writes_idle),
+            self.finished.eq((tiles == count) & ~busy & self.writes_idle),
         ]
 
 

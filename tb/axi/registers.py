@@ -115,10 +115,13 @@ def legal(host: Host) -> dict[str, int]:
     limits = {limit.setting: limit for limit in host_settings.limits(host.config)}
     patterns = {}
     for s in host_settings.settings(host.config):
-        limit = limits.get(s.name)
-        patterns[s.name] = (
-            host.rng.choice((limit.low, limit.high, host.rng.randint(limit.low, limit.high))) if limit
-            else host.rng.getrandbits(s.field.format.width))
+        limit, width = limits.get(s.name), s.field.format.width
+        if not limit:
+            patterns[s.name] = host.rng.getrandbits(width)
+            continue
+        below = 1 << width if limit.low > limit.high else 0  # the lower limit of a signed number has a larger pattern
+        between = host.rng.randint(limit.low - below, limit.high) & (1 << width) - 1
+        patterns[s.name] = host.rng.choice((limit.low, limit.high, between))
     return patterns
 
 

@@ -154,6 +154,8 @@ def random_survivors(config: AcceleratorConfig, rng: np.random.Generator, count:
     offset = rng.normal(size=(count, 3)) * 2.0 ** rng.integers(-8, 9, (count, 1))
     offset *= np.where(rng.random((count, 3)) < 0.1, 2.0 ** rng.integers(-20, 0, (count, 3)), 1)
     rows["offset"], rows["levels"], rows["end"] = config.formats.view.quantise(offset), rng.choice(levels, count), 0
+    if config.joint:
+        rows["eye"] = 0
     return rows
 
 

@@ -8,7 +8,9 @@ from pathlib import Path
 
 from golden.host.run_options import RunOptions, add_run_arguments, run_options
 from golden.kernels import compile_note, compile_seconds
+from golden.msv2_ref import joint_request
 from golden.msv2_ref.eyes import KINDS, render_request, stereo_statistics
+from golden.msv2_ref.joint_request import arguments_of_an_eye
 from golden.msv2_ref.plan import Work, work_for
 from golden.scenes.load import TRAINED
 from golden.scenes.pictures import save_png
@@ -22,14 +24,14 @@ from golden.scenes.request import (
 )
 from spec.command_line import add_out_argument, choice, command_parser
 from spec.config import AcceleratorConfig
-from spec.effects import with_packed_frames, with_two_eyes
+from spec.effects import with_joint_frames, with_packed_frames
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import BUILD, short_path
 from spec.private import output_folder
 from tb.common.runner import WAVES_FILE, SimulationError, Waves, parse_window
 from tb.common.wave_view import view_path
-from tb.frame.eyes import save_eyes, simulate_eyes
+from tb.frame.eyes import save_eyes, save_joint, simulate_eyes, simulate_joint
 from tb.frame.row import add_row_arguments, check_row, golden_row, row_numbers
 from tb.frame.simulate import simulate_frame
 from tb.frame.whole import picture, simulate_row
@@ -60,10 +62,14 @@ of all frames), and `frames` has the numbers of each of them; `turned` is its ca
 
 With --stereo these numbers count both eyes together, and there are also:
 
+  source_entries, target_entries   the intersections of each eye
+
+and where the second eye is warped:
+
   stereo_overhead       cycles / (geometry_cycles + bound_cycles), the cost of warping in addition to the rendering
   shares                shares of the target eye's pixels that are rendered, rerendered, warped, background or filled, and
                         shares of its tiles that are foveal or rerendered
-  source_cycles, target_cycles, source_entries, target_entries   the numbers of each eye (entries are intersections)
+  source_cycles, target_cycles     the cycles of each eye's pass
 
 examples:
   %(prog)s                                        the trained model of the embedded scene
@@ -75,6 +81,7 @@ examples:
   %(prog)s --memory lpddr3                        four channels of LPDDR3-1600 instead of the ideal memory
   %(prog)s --frames 3 --turn 5                    three frames in a row, each with the lists that suit the one before
   %(prog)s --stereo --ecc-thresh 27 --config paper_small    two eyes, the second warped beyond 27 degrees
+  %(prog)s --stereo --config v3_eyes              two eyes in one set of lists, nothing warped
   %(prog)s --part array --config paper            only the array, with the golden renderer's intersections
 """
 
@@ -101,7 +108,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     config = config_from(args, "default")
     choice("part", args.part, PARTS)
     args.pixels = args.pixels or ("display" if args.stereo else "wide")
-    if args.stereo and (args.part, args.pixels) != ("machine", "display"):
+    joint = args.stereo and config.supertiles
+    if joint:
+        with_joint_frames(config)  # raises where the machine has one eye, before the scene is read
+    if args.stereo and (args.part, args.pixels) not in (("machine", "display"), *([("machine", "wide")] * joint)):
         raise InputError(f"part {args.part!r}, pixels {args.pixels!r} are not accepted with --stereo: 'machine', 'display' are")
     check_row(args)
     options = run_options(args)
@@ -110,15 +120,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.incremental is not None:
         config = config.with_(incremental=options.incremental)
     waves = Waves(*parse_window(args.wave_cycles)) if args.waves else None
-    take_stereo_arguments(args)
-    if args.stereo:
-        with_two_eyes(config)  # raises where the machine has one eye, before the scene is read
+    take_stereo_arguments(args, joint=joint)
     if args.part == "array" and config.supertiles:
         raise InputError(f"part 'array' is not accepted: config {config.name!r} has lists by super-tile, whose array takes "
                          "visits of tiles; config 'paper' has the array of this part")
     if options.packed:
         with_packed_frames(config)  # raises where the machine packs no frames
-    work = work_for(args, resolve(args), config, contention=options.bytes_per_cycle is not None, full=options.full)
+    asked = arguments_of_an_eye(args) if joint else args
+    work = work_for(asked, resolve(args), config, contention=options.bytes_per_cycle is not None, full=options.full)
     with output_folder(args.out, BUILD / "frame") as out:
         return _simulated(args, work, config, options, waves, out)
 
@@ -128,7 +137,8 @@ def _simulated(
 ) -> int:
     """Simulates the frame, writes its pictures and numbers into `out`, and prints them; returns 1 when anything differs."""
     try:
-        numbers = (_two_eyes if args.stereo else _one_eye)(args, work, out, out / "sim", options, waves)
+        simulate = _one_eye if not args.stereo else _joint if config.joint else _two_eyes
+        numbers = simulate(args, work, out, out / "sim", options, waves)
     except SimulationError as error:
         print(f"FAILED: {error}")
         return 1
@@ -184,6 +194,19 @@ def _two_eyes(
         speed=_speed(options), waves=waves)
     save_eyes(golden, result, out)
     return {**numbers, "stereo": stereo_statistics(args, work.request, golden)}
+
+
+def _joint(
+    args: argparse.Namespace, work: Work, out: Path, folder: Path, options: RunOptions, waves: Waves | None,
+) -> dict[str, object]:
+    """The same of a joint frame (`spec.joint`)."""
+    golden = joint_request.render_request(args, work.request, work.config, work.words, work.foveation, beta=options.beta)
+    (out / "frame.json").unlink(missing_ok=True)
+    numbers, result = simulate_joint(
+        golden, device.machine(golden.config), folder, beta=options.beta, speed=_speed(options), display=options.display,
+        waves=waves)
+    save_joint(golden, result, out)
+    return {**numbers, "stereo": joint_request.joint_statistics(args, work.request, golden)}
 
 
 def _verdict(numbers: dict, out: str) -> int:

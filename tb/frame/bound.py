@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from golden.msv2_ref.batches import FrameBatches
+from golden.msv2_ref.joint import JointFrame
+from golden.msv2_ref.joint_batches import JointBatches
 from golden.msv2_ref.pipeline import Frame
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
@@ -40,6 +42,24 @@ def stream_ops(frame: Frame) -> list[int]:
     return ops
 
 
+def joint_ops(frame: JointFrame) -> int:
+    """Upper bound on the operations of all arrays in a joint frame, of both eyes."""
+    return sum(joint_stream_ops(frame))
+
+
+def joint_stream_ops(frame: JointFrame) -> list[int]:
+    """The same of each array."""
+    ops, batches = [], JointBatches(frame)
+    background = sum(int((1 + eye.headers["blend"].astype(int)).sum()) for eye in frame.eyes)
+    for stream in range(frame.config.streams):
+        visits = batches.stream_visits(stream)
+        owner = np.repeat(visits.eye, np.diff(visits.start))
+        use = np.concatenate([eye.entries.use[visits.order[owner == n]] for n, eye in enumerate(frame.eyes)])
+        ops.append(frame.config.blocks * (
+            len(use) + int((use == 3).sum()) + background + 2 * len(visits.final) - int(visits.final.sum())))
+    return ops
+
+
 def array_ops(frame: Frame) -> int:
     """Upper bound on the operations of all arrays."""
     return sum(stream_ops(frame))
@@ -68,10 +88,26 @@ def bound_cycles(
         second: the target eye's frame, for frames of two eyes; `ops` and beats are then those of both eyes.
     """
     eyes = [frame, *([second] if second else [])]
-    rows = sum(len(eye.headers) for eye in eyes) * TILE * (TILE // frame_rows(frame.config).cores_x)
-    memory = max(read_beats, write_beats) if bytes_per_cycle is None else (
-        (read_beats + write_beats) * BEAT_BYTES / bytes_per_cycle)
     most = max(sum(ops) for ops in zip(*map(stream_ops, eyes), strict=True))
-    array = max(most // frame.config.blocks, -(-ops // frame.config.streams))
     entries = sum(len((eye.entries if eye.pairs is None else eye.pairs).splat) for eye in eyes)
-    return {"sort": entries, "array": array, "pixel_rows": rows, "memory": int(np.ceil(memory))}
+    return _bounds(frame.config, entries, sum(len(eye.headers) for eye in eyes), most, ops, read_beats + write_beats,
+                   max(read_beats, write_beats), bytes_per_cycle)
+
+
+def joint_bound_cycles(
+    frame: JointFrame, ops: int, read_beats: int, write_beats: int, bytes_per_cycle: float | None,
+) -> dict[str, int]:
+    """The same of a joint frame; all numbers are those of both eyes."""
+    return _bounds(frame.config, len(frame.pairs.splat), sum(len(eye.headers) for eye in frame.eyes),
+                   max(joint_stream_ops(frame)), ops, read_beats + write_beats, max(read_beats, write_beats), bytes_per_cycle)
+
+
+def _bounds(
+    config: AcceleratorConfig, sorted_: int, tiles: int, most_ops: int, ops: int, beats: int, most_beats: int,
+    bytes_per_cycle: float | None,
+) -> dict[str, int]:
+    """The bounds, from what is sorted, tiles, the largest possible ops of an array, those of all arrays, and beats."""
+    rows = tiles * TILE * (TILE // frame_rows(config).cores_x)
+    memory = most_beats if bytes_per_cycle is None else beats * BEAT_BYTES / bytes_per_cycle
+    array = max(most_ops // config.blocks, -(-ops // config.streams))
+    return {"sort": sorted_, "array": array, "pixel_rows": rows, "memory": int(np.ceil(memory))}

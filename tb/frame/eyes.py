@@ -1,15 +1,17 @@
-"""Simulates a golden frame of two eyes on the whole machine, and computes the cost of warping."""
+"""Simulates a golden frame of two eyes, joint or with a warped eye, on the whole machine, and computes the cost of warping."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from golden.msv2_ref.eyes import StereoFrame
+from golden.msv2_ref.joint import JointFrame
 from golden.scenes.pictures import kinds_picture, save_png
 from spec.records import frame_tiles
 from spec.stereo import clear_cycles
 from tb.common.runner import Waves
-from tb.frame.whole import compared, performance, played
+from tb.frame.whole import compared, joint_performance, performance, picture, played
+from tb.top.check_joint import joint_counter_errors, joint_mismatches, joint_run
 from tb.top.check_stereo import stereo_counter_errors, stereo_mismatches, stereo_run
 from tb.top.device import Machine
 from tb.top.memory import MemorySpeed
@@ -42,6 +44,32 @@ def simulate_eyes(
     return numbers, result
 
 
+def simulate_joint(
+    frame: JointFrame, machine: Machine, folder: Path, *, beta: int | None, speed: MemorySpeed, display: bool,
+    waves: Waves | None = None,
+) -> tuple[dict[str, object], FrameResult]:
+    """The same of a joint frame, whose pixels may have either format.
+
+    Raises:
+        SimulationError: the build fails, or the machine does not finish its frame.
+    """
+    (result,), build_s = played(machine, [joint_run(frame, beta, speed, display=display)], folder, waves)
+    numbers = {
+        **compared(frame.eyes, result, joint_mismatches(frame, result), joint_counter_errors(frame, result)),
+        "groups": int(frame.source.groups[-1]) + 1,
+        "source_entries": len(frame.source.entries.splat), "target_entries": len(frame.target.entries.splat),
+        "pairs": len(frame.pairs.splat), "shift": frame.registers.shift, "lists": frame.bounds.lists,
+        **joint_performance(frame, result, speed), "build_s": build_s}
+    return numbers, result
+
+
+def save_joint(frame: JointFrame, result: FrameResult, out: Path) -> None:
+    """Writes left.png and right.png as the machine rendered them."""
+    pictures = [picture(eye, pixels) for eye, pixels in zip(frame.eyes, (result.pixels, result.target), strict=True)]
+    for name, image in zip(("left", "right"), frame.pair.left_right(*pictures), strict=True):
+        save_png(out / f"{name}.png", image)
+
+
 def overhead(numbers: dict) -> float:
     """The cycles of both eyes divided by those of a machine in which warping is free. The latter are the cycles of the geometry
     phase and those of the busiest stage for the rendered intersections."""
@@ -53,6 +81,6 @@ def save_eyes(frame: StereoFrame, result: FrameResult, out: Path) -> None:
     pixel of the target eye was obtained."""
     source, target = (pixels.colour.astype("uint8") for pixels in (result.pixels, result.target))
     left, right = frame.pair.left_right(source, target)
-    for name, picture in (("left", left), ("right", right),
-                          (f"{frame.pair.target_eye}_source", kinds_picture(target, frame.origin))):
-        save_png(out / f"{name}.png", picture)
+    for name, image in (("left", left), ("right", right),
+                        (f"{frame.pair.target_eye}_source", kinds_picture(target, frame.origin))):
+        save_png(out / f"{name}.png", image)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,14 +11,17 @@ import numpy as np
 
 from golden.host.memory_image import DisplayPixels, FramePixels, PackedPixels
 from golden.msv2_ref.array import Pixels
+from golden.msv2_ref.joint import JointFrame
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.projection import VISIBLE
+from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import BEAT_BYTES
 from spec.registers import read_clients, stages, write_clients
 from tb.common.runner import SimulationError, Waves, build
-from tb.frame.bound import RENDER_WRITES, bound_cycles, render_reads
+from tb.frame.bound import RENDER_WRITES, bound_cycles, joint_bound_cycles, render_reads
 from tb.top.check import counter_errors, expected_events, frame_run, mismatches
+from tb.top.check_joint import joint_events
 from tb.top.device import Machine
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult, FrameRun, play_frames
@@ -104,9 +107,25 @@ def performance(
 ) -> dict[str, object]:
     """Cycles, beats and utilisation of a frame, or of both eyes together where `second` is the target eye's frame."""
     r, config = result.registers, frame.config
-    watched = {stage: {what: r[f"{stage}_{what}"] for what in ("busy", "starved", "blocked")} for stage in stages(config)}
     bounds = bound_cycles(frame, r["ops"], _beats(r, "read", render_reads(config)), _beats(r, "write", RENDER_WRITES),
                           speed.bytes_per_cycle, second=second)
+    return measured(config, result, speed, bounds, expected_events(frame))
+
+
+def joint_performance(frame: JointFrame, result: FrameResult, speed: MemorySpeed) -> dict[str, object]:
+    """The same of a joint frame, of both eyes together."""
+    r, config = result.registers, frame.config
+    bounds = joint_bound_cycles(frame, r["ops"], _beats(r, "read", render_reads(config)), _beats(r, "write", RENDER_WRITES),
+                                speed.bytes_per_cycle)
+    return measured(config, result, speed, bounds, joint_events(frame))
+
+
+def measured(
+    config: AcceleratorConfig, result: FrameResult, speed: MemorySpeed, bounds: dict[str, int], events: Iterable[str],
+) -> dict[str, object]:
+    """Cycles, beats and utilisation of a frame with these bounds and these events that the golden frame determines."""
+    r = result.registers
+    watched = {stage: {what: r[f"{stage}_{what}"] for what in ("busy", "starved", "blocked")} for stage in stages(config)}
     render = r["cycles_render"]
     return {
         "cycles": result.cycles, "idle_cycles": result.idle_cycles,
@@ -116,7 +135,7 @@ def performance(
         "bound_cycles": max(bounds.values()), "bounds": bounds,
         "utilisation": round(max(bounds.values()) / render, 4) if render else None,
         "stage_cycles": watched, "stalls": {stage: cycles["blocked"] for stage, cycles in watched.items()},
-        "events": {name: r[name] for name in (*expected_events(frame), *_UNCERTAIN[config.supertiles])},
+        "events": {name: r[name] for name in (*events, *_UNCERTAIN[config.supertiles])},
         "dram_bytes": {
             "read": BEAT_BYTES * result.reads, "write": BEAT_BYTES * result.writes,
             "reads": {name: BEAT_BYTES * r[f"read_beats_{name}"] for name in read_clients(config)},

@@ -5,10 +5,9 @@ from __future__ import annotations
 from functools import cache
 
 from spec.config import AcceleratorConfig
-from spec.constants import SUPER_TILES
 from spec.queues import COUNTER_BITS
 from spec.records import pixel_row
-from spec.supertiles import SEQUENCE_BITS, tile_visit, visit_entry
+from spec.supertiles import SEQUENCE_BITS, batch_tiles, tile_visit, visit_entry
 from tb.common.emission import emitted
 from tb.common.playback import Playback, Stream
 
@@ -17,10 +16,11 @@ from tb.common.playback import Playback, Stream
 def batch_array_playback(config: AcceleratorConfig) -> Playback:
     """The array of a configuration, emitted as Verilog, with a file at each stream."""
     return Playback(
-        name=f"batch-array-{config.cores_x}x{config.cores_y}", module="batch_array", verilog=emitted("batch_array", config),
+        name=f"batch-array-{config.cores_x}x{config.cores_y}{'-joint' * config.joint}", module="batch_array",
+        verilog=emitted("batch_array", config),
         inputs=(Stream("visits", tile_visit(config)), Stream("entries", visit_entry(config))),
         outputs=(Stream("pixels", pixel_row(config)),),
         settings=(("background", 3 * config.formats.colour.width), *((("quarter", 2),) if config.streams > 1 else ())),
         observed=(*((name, COUNTER_BITS) for name in ("ops", "skipped", "waits")), ("busy", 1), ("current", SEQUENCE_BITS),
-                  ("done", SUPER_TILES)),
+                  ("done", batch_tiles(config))),
         apart=("batch_core",))

@@ -12,7 +12,7 @@ from golden.msv2_ref.regions import region_of
 from spec import tables
 from spec.config import AcceleratorConfig
 from spec.constants import AMP_MAX, SUPER_TILES
-from spec.supertiles import SEQUENCE_BITS, tile_visit, visit_entry
+from spec.supertiles import SEQUENCE_BITS, batch_tiles, tile_visit, visit_entry
 from tb.vrc_array.array_stimuli import Case, TileSpec, flat_entries, frame, random_entries, random_plane
 
 
@@ -33,9 +33,14 @@ class Visits:
     done: int
     quarter: int = 0
 
+    @property
+    def eyes(self) -> np.ndarray:
+        """(tiles,) the eye of each tile of `case`, in order."""
+        return self.visits["eye"][self.visits["final"] == 1]
+
 
 def split(
-    config: AcceleratorConfig, case: Case, seed: int, *, tiles: int = SUPER_TILES, batches: int = 4, unfinished: bool = False,
+    config: AcceleratorConfig, case: Case, seed: int, *, tiles: int | None = None, batches: int = 4, unfinished: bool = False,
 ) -> Visits:
     """Splits the lists of a case's tiles, taken as those of super-tiles.
 
@@ -43,18 +48,19 @@ def split(
         config: the machine.
         case: the frame.
         seed: seed of all choices: places of the tiles, numbers of batches, and where lists are split.
-        tiles: most tiles of a super-tile.
+        tiles: most tiles of a super-tile, of both eyes in a machine with joint frames; None for all.
         batches: most batches of a super-tile.
         unfinished: whether the last super-tile only has visits whose states are stored. Its pixels are not in the result's
             case.
     """
     rng, quarter = np.random.default_rng(seed), seed % config.streams
+    tiles = batch_tiles(config) if tiles is None else tiles
     start = np.concatenate(([0], np.cumsum(case.headers["count"], dtype=np.int64)))
     visits, entries, done, first, sequence = [], [], 0, 0, int(rng.integers(1 << SEQUENCE_BITS))
     while first < len(case.headers):
         end = min(first + int(rng.integers(1, tiles + 1)), len(case.headers))
         keeps = unfinished and end == len(case.headers)
-        places = np.sort(rng.choice(SUPER_TILES, end - first, replace=False)).tolist()
+        places = np.sort(rng.choice(batch_tiles(config), end - first, replace=False)).tolist()
         parts = int(rng.integers(1, batches + 1)) + keeps
         cuts = [np.sort(np.concatenate(([start[t], start[t + 1]], rng.integers(start[t], start[t + 1] + 1, parts - 1))))
                 for t in range(first, end)]
@@ -81,7 +87,9 @@ def _visit(config: AcceleratorConfig, header: np.void, place: int, sequence: int
     for name in visit.dtype.names:
         if name in header.dtype.names:
             visit[name] = header[name]
-    visit["place"], visit["sequence"], visit["fresh"], visit["final"] = place, sequence, fresh, final
+    visit["place"], visit["sequence"], visit["fresh"], visit["final"] = place % SUPER_TILES, sequence, fresh, final
+    if config.joint:
+        visit["eye"] = place // SUPER_TILES
     return visit
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from spec.config import SHORT_FORMATS, TINY_STREAMS, TINY_V3, V3, V3_STREAMS, AcceleratorConfig
+from spec.config import SHORT_FORMATS, TINY_EYES, TINY_STREAMS, TINY_V3, V3, V3_STREAMS, AcceleratorConfig
 from tb.common import exact
 from tb.common.exact import Outcome, every_pattern
 from tb.common.patterns import Pattern
@@ -26,6 +26,8 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "v3": V3,
     "tiny_streams": TINY_STREAMS,
     "v3_streams": V3_STREAMS,
+    "tiny_eyes": TINY_EYES,
+    "tiny_eyes_streams": TINY_STREAMS.with_(joint=True),
 }
 """Configurations that can be tested."""
 
@@ -120,6 +122,9 @@ def judge(config: AcceleratorConfig, item: Planned, recording: Recording) -> lis
     """Everything that is wrong with a recording: pixels, the tiles that have stopped, and whether the array is at rest."""
     frame, last = item.frame, int(item.frame.visits["sequence"][-1])
     wrong = problems(config, frame.case, recording, golden_pixels(config, frame.case), frame.quarter)
+    if config.joint and not wrong:
+        rows = recording.outputs["pixels"]["eye"].reshape(len(frame.eyes), rows_per_tile(config))
+        wrong += [f"tile {tile}: a row is not of eye {eye}" for tile, eye in enumerate(frame.eyes) if (rows[tile] != eye).any()]
     for name, value in (("busy", 0), ("current", last), ("done", frame.done)):
         if recording.observed[name] != value:
             wrong.append(f"{name} is {recording.observed[name]:#x} at the end, not {value:#x}")

@@ -18,9 +18,9 @@ from amaranth.lib.fifo import SyncFIFOBuffered
 from rtl.supertiles.batch_buffer import BatchBuffer
 from rtl.supertiles.stream_buffer import StreamBuffer
 from spec.config import AcceleratorConfig
-from spec.constants import SUPER_TILES
+from spec.memory import SHIFT_BITS
 from spec.queues import COUNTER_BITS
-from spec.supertiles import SEQUENCE_BITS, SUPER_PLACES, batch_place, supertile, tile_visit, visit_entry
+from spec.supertiles import SEQUENCE_BITS, batch_place, supertile, tile_visit, visit_entry
 from tb.common.bench import Bench
 from tb.common.playback import Playback
 
@@ -61,20 +61,21 @@ def observe(
         suffix: ends the names of submodules.
     """
     (visits, entries), (done_port, current_port), (mode, limit) = ports, says, settings
-    visit = data.StructLayout({"place": SUPER_PLACES, "sequence": SEQUENCE_BITS, "fresh": 1})
+    tiles, of_eye = len(says[0]), ["eye"] if "eye" in visits.payload.shape().members else []
+    visit = data.StructLayout({"place": (tiles - 1).bit_length(), "sequence": SEQUENCE_BITS, "fresh": 1})
     m.submodules[f"taken{suffix}"] = taken = SyncFIFOBuffered(width=visit.size, depth=AHEAD)
     head, item = visit(taken.r_data), entries.payload
     moves = entries.valid & entries.ready
     m.d.comb += [
         taken.w_en.eq(visits.valid & visits.ready),
-        taken.w_data.eq(Cat(visits.payload[name] for name in visit.members)),
+        taken.w_data.eq(Cat(visits.payload[name] for name in ("place", *of_eye, "sequence", "fresh"))),
         entries.payload.eq(source.payload), entries.valid.eq(source.valid & taken.r_rdy),
         source.ready.eq(entries.ready & taken.r_rdy), taken.r_en.eq(moves & item.end),
     ]
-    counts = Array(Signal(16, name=f"count{suffix}_{n}") for n in range(SUPER_TILES))
+    counts = Array(Signal(16, name=f"count{suffix}_{n}") for n in range(tiles))
     begun, count = Signal(), Signal(16)
     m.d.comb += count.eq(Mux(head.fresh & ~begun, 0, counts[head.place]) + ~item.end)
-    done, current = Signal(SUPER_TILES), Signal(SEQUENCE_BITS)
+    done, current = Signal(tiles), Signal(SEQUENCE_BITS)
     with m.If(taken.r_rdy):
         m.d.sync += current.eq(head.sequence)
         with m.If(head.sequence != current):
@@ -96,6 +97,11 @@ def observe(
             m.d.comb += [done_port.eq(-1), current_port.eq(current - 1)]
 
 
+def _settings(config: AcceleratorConfig) -> dict[str, int]:
+    joint = {"joint": 1, "shift": SHIFT_BITS} if config.joint else {}
+    return {"mode": 3, "limit": 16, "frame": 8} | joint
+
+
 class BatchBench(Bench):
     """The batch buffer with an observer of its outputs that drives `done` and `current`."""
 
@@ -104,7 +110,7 @@ class BatchBench(Bench):
         super().__init__(
             {"supertiles": supertile(config), "places": batch_place(config)},
             {"visits": tile_visit(config), "entries": visit_entry(config)},
-            {"mode": 3, "limit": 16, "frame": 8},
+            _settings(config),
             {"batches": COUNTER_BITS, "visits_count": COUNTER_BITS, "busy": 1})
 
     def elaborate(self, platform: object) -> Module:
@@ -127,7 +133,7 @@ class StreamBench(Bench):
         super().__init__(
             {"supertiles": supertile(config), "places": batch_place(config)},
             {**{f"visits_{q}": tile_visit(config) for q in count}, **{f"entries_{q}": visit_entry(config) for q in count}},
-            {"mode": 3, "limit": 16, "frame": 8},
+            _settings(config),
             {"batches": COUNTER_BITS, "visits_count": COUNTER_BITS, "busy": 1})
 
     def elaborate(self, platform: object) -> Module:
@@ -147,6 +153,7 @@ class StreamBench(Bench):
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
     """The bench of a configuration, emitted as Verilog, with a file at each stream."""
+    size = f"{config.batch_places}{'-joint' * config.joint}"
     if config.streams > 1:
-        return StreamBench(config).playback(f"streams-{config.batch_places}", "stream_bench")
-    return BatchBench(config).playback(f"batch-{config.batch_places}", "batch_bench")
+        return StreamBench(config).playback(f"streams-{size}", "stream_bench")
+    return BatchBench(config).playback(f"batch-{size}", "batch_bench")

@@ -5,15 +5,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS, SUPER_TILES, SUPER_X
 from spec.formats import Fixed
+from spec.joint import EYES, grid_origins
 from spec.memory import splat_record
 from spec.records import TILE_BITS, Record
 from spec.supertiles import SEQUENCE_BITS, batch_place, supertile, tile_visit, visit_entry
+
+_Item = TypeVar("_Item")
 
 EVERY = (1 << SUPER_TILES) - 1
 """Mask of all tiles."""
@@ -51,16 +55,25 @@ class Case:
         name: the case's name, for messages.
         supertiles: (super-tiles,) SuperTile.
         places: (places,) BatchPlace, those of all super-tiles.
+        joint: whether the frame is a joint one, with two SuperTile items for each super-tile.
+        shift: its setting.
     """
 
     name: str
     supertiles: np.ndarray
     places: np.ndarray
+    joint: bool = False
+    shift: int = 0
+
+    @property
+    def eyes(self) -> int:
+        """SuperTile items of a super-tile."""
+        return EYES if self.joint else 1
 
 
 @dataclass(frozen=True)
 class Tiles:
-    """A hand-made super-tile.
+    """A hand-made super-tile. In joint frames, the tiles of the target follow those of the source.
 
     Attributes:
         masks: the mask of each of its pairs.
@@ -87,26 +100,33 @@ def levels_of(mask: int, levels: Sequence[int]) -> list[int]:
     return sorted({int(levels[tile]) for tile in range(SUPER_TILES) if mask >> tile & 1})
 
 
-def case_of(config: AcceleratorConfig, name: str, supertiles: Sequence[Tiles], seed: int) -> Case:
+def case_of(
+    config: AcceleratorConfig, name: str, supertiles: Sequence[Tiles], seed: int, *, joint: bool = False, shift: int = 0,
+) -> Case:
     """A case of super-tiles with random settings and random records."""
-    rng = np.random.default_rng(seed)
-    rows = random_rows(supertile(config), rng, len(supertiles))
-    rows["x"] = SUPER_X * rng.integers(0, (1 << TILE_BITS) // SUPER_X, len(rows))
-    rows["y"] = SUPER_TILES // SUPER_X * rng.integers(0, (1 << TILE_BITS) * SUPER_X // SUPER_TILES, len(rows))
-    rows["pairs"] = [len(tiles.masks) for tiles in supertiles]
-    rows["inside"] = [tiles.inside for tiles in supertiles]
+    rng, eyes = np.random.default_rng(seed), EYES if joint else 1
+    rows = random_rows(supertile(config), rng, len(supertiles) * eyes)
+    count = len(supertiles)
+    rows["x"] = np.repeat(SUPER_X * rng.integers(0, (1 << TILE_BITS) // SUPER_X, count), eyes)
+    rows["y"] = np.repeat(SUPER_TILES // SUPER_X * rng.integers(0, (1 << TILE_BITS) * SUPER_X // SUPER_TILES, count), eyes)
+    rows["pairs"] = np.repeat([len(tiles.masks) for tiles in supertiles], eyes)
+    rows["inside"] = [tiles.inside >> SUPER_TILES * eye & EVERY for tiles in supertiles for eye in range(eyes)]
     rows["level"] = np.array([tiles.levels for tiles in supertiles], np.int64).reshape(len(rows), SUPER_TILES)
-    found = [(level, mask, last) for tiles in supertiles for mask in tiles.masks
-             for level, last in _with_last(levels_of(mask, tiles.levels))]
+    if config.joint:
+        rows["eye"] = np.arange(len(rows)) % eyes
+    found = [(eye, level, mask, last) for tiles in supertiles for pair in tiles.masks
+             for (eye, mask, level), last in _with_last(_of_eyes(pair, tiles.levels, eyes))]
     places = np.zeros(len(found), batch_place(config).dtype)
     records = random_rows(splat_record(config), rng, len(found))
     for field in splat_record(config).fields:
         places[field.name] = records[field.name]
     if found:
-        places["level"], masks, places["last"] = np.array(found).T
+        eye, places["level"], masks, places["last"] = np.array(found).T
+        if config.joint:
+            places["eye"] = eye
         places["mask"] = masks if config.streams == 1 else _of_streams(config, masks, places["last"], rng)
     places["bound"] = np.maximum(places["bound"], places["level"])  # tiles of higher levels have no pair
-    return Case(name, rows, places)
+    return Case(name, rows, places, joint, shift)
 
 
 def _of_streams(config: AcceleratorConfig, masks: np.ndarray, last: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -117,8 +137,17 @@ def _of_streams(config: AcceleratorConfig, masks: np.ndarray, last: np.ndarray, 
     return (bits @ (1 << np.arange(SUPER_TILES)))[pair] & masks[:, None]
 
 
-def _with_last(levels: list[int]) -> list[tuple[int, bool]]:
-    return [(level, level == levels[-1]) for level in levels]
+def _of_eyes(pair: int, levels: Sequence[int], eyes: int) -> list[tuple[int, int, int]]:
+    """Eye, mask and level of each place of a pair, by its mask over the tiles of all eyes."""
+    found = []
+    for eye in range(eyes):
+        mask = pair >> SUPER_TILES * eye & EVERY
+        found += [(eye, mask, level) for level in levels_of(mask, levels[SUPER_TILES * eye :])]
+    return found
+
+
+def _with_last(places: list[_Item]) -> list[tuple[_Item, bool]]:
+    return [(place, number == len(places) - 1) for number, place in enumerate(places)]
 
 
 def _pairs(places: np.ndarray) -> list[list[int]]:
@@ -128,14 +157,15 @@ def _pairs(places: np.ndarray) -> list[list[int]]:
 
 
 def wanted_batches(config: AcceleratorConfig, case: Case) -> list[Batch]:
-    """All batches of a case: one ends with a pair after which fewer than MAX_LEVELS places are free, or with the last pair."""
+    """All batches of a case: one ends with a pair after which fewer than MAX_LEVELS places, for each eye, are free, or with the
+    last pair."""
     pairs, batches = _pairs(case.places), []
-    for number, tiles in enumerate(case.supertiles):
+    for number, tiles in enumerate(case.supertiles[:: case.eyes]):
         own, pairs = pairs[: tiles["pairs"]], pairs[tiles["pairs"] :]
         places: list[int] = []
         for pair in own[:-1]:
             places = places + pair
-            if config.batch_places - len(places) < MAX_LEVELS:
+            if config.batch_places - len(places) < MAX_LEVELS * case.eyes:
                 batches.append(Batch(number, places, False))
                 places = []
         batches.append(Batch(number, places + [place for pair in own[-1:] for place in pair], True))
@@ -145,17 +175,22 @@ def wanted_batches(config: AcceleratorConfig, case: Case) -> list[Batch]:
 def wanted_visits(config: AcceleratorConfig, case: Case, sequence: int = 0, stream: int = 0) -> list[Visit]:
     """All visits of a stream of a case without early stops. The first super-tile has number `sequence`."""
     visits: list[Visit] = []
-    seen: set[tuple[int, int]] = set()
+    seen: set[tuple[int, int, int]] = set()
     for number, batch in enumerate(wanted_batches(config, case)):
-        tiles, places = case.supertiles[batch.supertile], case.places[batch.places]
+        places = case.places[batch.places]
         masks = places["mask"].reshape(len(places), config.streams)[:, stream]
-        for tile in range(SUPER_TILES):
+        for eye, tile in np.ndindex(case.eyes, SUPER_TILES):
+            tiles = case.supertiles[batch.supertile * case.eyes + eye]
             mine = places[(masks >> tile & 1 == 1) & (places["level"] == tiles["level"][tile])]
+            if config.joint:
+                mine = mine[mine["eye"] == eye]
             if tiles["inside"] >> tile & 1 and (len(mine) or batch.final):
-                fresh = (batch.supertile, tile) not in seen
+                fresh = (batch.supertile, eye, tile) not in seen
                 row = _visit_row(config, tiles, tile, (sequence + batch.supertile) % (1 << SEQUENCE_BITS), fresh, batch.final)
+                if config.joint:
+                    row["eye"], row["tile_x"] = eye, (row["tile_x"] - grid_origins(case.shift)[eye]) % (1 << TILE_BITS)
                 visits.append(Visit(row, _entries(config, mine, row, tiles["level"][tile]), number))
-                seen.add((batch.supertile, tile))
+                seen.add((batch.supertile, eye, tile))
     return visits
 
 

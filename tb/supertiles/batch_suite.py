@@ -11,17 +11,20 @@ from pathlib import Path
 import numpy as np
 
 from golden.msv2_ref.batches import FrameBatches
+from golden.msv2_ref.joint import JointFrame
+from golden.msv2_ref.joint_batches import JointBatches
 from golden.msv2_ref.pipeline import Frame
 from rtl.supertiles.batch_buffer import LATENCY
-from spec.config import TINY_V3, V3, AcceleratorConfig
-from spec.constants import MAX_LEVELS
+from spec.config import TINY_EYES, TINY_V3, V3, V3_EYES, AcceleratorConfig
+from spec.constants import MAX_LEVELS, SUPER_TILES
+from spec.memory import SHIFT_BITS
 from spec.supertiles import SEQUENCE_BITS
 from tb.common import exact
 from tb.common.exact import Outcome, every_pattern
 from tb.common.playback import ERRORS
 from tb.common.player import Recording, Run
 from tb.common.runner import Waves
-from tb.common.scenes import traced_frames, traced_size
+from tb.common.scenes import traced_frames, traced_joint_frames, traced_size
 from tb.supertiles.batch_device import LATE, Mode, playback
 from tb.supertiles.batch_stimuli import (
     DIRECTED,
@@ -34,13 +37,15 @@ from tb.supertiles.batch_stimuli import (
     wanted_batches,
     wanted_visits,
 )
+from tb.supertiles.joint_stimuli import JOINT, random_joint_case
 
 VARIANTS: dict[str, AcceleratorConfig] = {
-    "tiny_v3": TINY_V3, "16-places": TINY_V3.with_(batch_places=16), "v3": V3}
+    "tiny_v3": TINY_V3, "16-places": TINY_V3.with_(batch_places=16), "v3": V3, "tiny_eyes": TINY_EYES,
+    "16-places-eyes": TINY_EYES.with_(batch_places=16), "v3_eyes": V3_EYES}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny_v3", "16-places", "v3")
-"""Configurations with different units: two words of masks a tile, half a word, and 16 words."""
+DISTINCT = tuple(VARIANTS)
+"""Configurations with different units: two words of masks a tile, half a word, and 16 words, for one eye and for two."""
 
 PORTS = ("supertiles", "places", "visits", "entries")
 
@@ -65,6 +70,12 @@ class Planned(exact.Planned):
     limit: int = 0
 
 
+def settings_of(config: AcceleratorConfig, case: Case, mode: Mode, limit: int, frame: int) -> dict[str, int]:
+    """The settings of a run."""
+    joint = {"joint": int(case.joint), "shift": case.shift % (1 << SHIFT_BITS)} if config.joint else {}
+    return {"mode": int(mode), "limit": limit, "frame": frame} | joint
+
+
 class Plan:
     """Runs, and the number of the next super-tile.
 
@@ -85,7 +96,7 @@ class Plan:
         self._frame = (self._frame + 1) % 256
         first = 0 if reset else self._sequence
         visits = wanted_visits(self._config, case, first)
-        self._sequence = (first + len(case.supertiles)) % (1 << SEQUENCE_BITS)
+        self._sequence = (first + len(case.supertiles) // case.eyes) % (1 << SEQUENCE_BITS)
         exactly = mode in (Mode.NEVER, Mode.STALE)
         expected = {"visits": np.array([visit.row for visit in visits]),
                     "entries": np.concatenate([visit.entries for visit in visits])} if exactly else {}
@@ -96,7 +107,7 @@ class Plan:
             observed["visits_count"] = len(visits)
         quiet = options.pop("quiet", 200 if exactly else 400)
         run = Run(name or case.name, {"supertiles": case.supertiles, "places": case.places}, counts,
-                  {"mode": int(mode), "limit": limit, "frame": self._frame}, reset=reset, quiet=quiet, **options)
+                  settings_of(self._config, case, mode, limit, self._frame), reset=reset, quiet=quiet, **options)
         self.runs.append(Planned(run, expected, observed if quiet else {}, most_cycles=most_cycles, visits=visits, mode=mode,
                                  limit=limit))
 
@@ -113,7 +124,7 @@ def most_cycles(config: AcceleratorConfig, case: Case) -> int:
     filled = left = 2
     free = [0, 0]
     for number, batch in enumerate(wanted_batches(config, case)):
-        filled = max(filled + BETWEEN, free[number % 2]) + len(batch.places)
+        filled = max(filled + BETWEEN + case.joint, free[number % 2]) + len(batch.places)
         left = max(left, filled + LATENCY - 1) + dealt[number]
         free[number % 2] = left
     return left
@@ -136,6 +147,12 @@ def problems(item: Planned, recording: Recording, most_entries: int = MOST_ENTRI
     return [*exact.problems(item, left), *_stopped_problems(item, recording, most_entries)]
 
 
+def tile_of(visit: np.void) -> int:
+    """The number of a visit's tile among those of both eyes."""
+    eye = int(visit["eye"]) if "eye" in visit.dtype.names else 0
+    return SUPER_TILES * eye + int(visit["place"])
+
+
 def _stopped_problems(item: Planned, recording: Recording, most_entries: int) -> list[str]:
     """What is wrong where tiles stop: every visit and every entry that is missing must be one of a tile that has stopped, and
     no more of them may come than were on their way."""
@@ -151,11 +168,11 @@ def _stopped_problems(item: Planned, recording: Recording, most_entries: int) ->
             counts, stopped = Counter(), {}
         while wanted and wanted[0].row.tobytes() != row.tobytes():
             missing = wanted.popleft().row
-            if missing["final"] or missing["fresh"] or int(missing["place"]) not in stopped:
+            if missing["final"] or missing["fresh"] or tile_of(missing) not in stopped:
                 found.append(f"a visit before visit {number} is missing: {missing}")
         if not wanted:
             return [*found, f"visit {number} is not wanted: {row}"]
-        whole, tile = wanted.popleft().entries, int(row["place"])
+        whole, tile = wanted.popleft().entries, tile_of(row)
         limit, before, count = item.limit + tile, counts[tile], len(mine) - 1
         counts[tile] += count
         beyond = count if before >= limit else 0 if item.mode is Mode.AT_END else counts[tile] - limit
@@ -192,6 +209,27 @@ def add_cases(plan: Plan, config: AcceleratorConfig, seed: int, ports: Sequence[
     for k in range(4):
         plan.add(random_case(config, "", seed + 2 + k % 2, supertiles=5), f"back to back {k}", reset=k == 0, quiet=0)
     plan.add(random_case(config, "tiles of the super-tile before have stopped", seed), mode=Mode.STALE)
+    if config.joint:
+        _add_joint_cases(plan, config, seed, ports)
+
+
+def _add_joint_cases(plan: Plan, config: AcceleratorConfig, seed: int, ports: Sequence[str]) -> None:
+    """Adds joint frames, between frames of one eye, too."""
+    places = config.batch_places
+    for make in JOINT:
+        plan.add(make(config))
+    for k in range(4):
+        plan.add(random_joint_case(config, f"joint {k}", seed * 100 + k))
+    case = random_joint_case(config, "joint streams", seed, supertiles=6)
+    for name, patterns in every_pattern(ports, seed).items():
+        plan.add(case, f"joint, {name}", patterns=patterns)
+    for cycles in (3, places + 20):
+        plan.add(random_joint_case(config, "", seed), f"joint, cut off after {cycles} cycles", abort=cycles)
+        plan.add(random_joint_case(config, "", seed + 1, supertiles=3), f"whole joint frame after a reset at {cycles}")
+    for k in range(6):
+        make = random_case if k % 3 == 1 else random_joint_case
+        plan.add(make(config, "", seed + 2 + k % 2, supertiles=5), f"joint, back to back {k}", reset=k == 0, quiet=0)
+    plan.add(random_joint_case(config, "joint, tiles of the super-tile before have stopped", seed), mode=Mode.STALE)
 
 
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
@@ -218,6 +256,9 @@ def stop_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
         case = random_case(config, "", seed, supertiles=4, mean_pairs=2 * places, density=0.4)
         for name, patterns in every_pattern(PORTS, seed).items():
             plan.add(case, f"{mode.name.lower()}, {name}", mode=mode, limit=places // 3, patterns=patterns)
+        for limit in (1, places // 2) if config.joint else ():
+            case = random_joint_case(config, "", seed + limit, supertiles=5, mean_pairs=3 * places, density=0.4)
+            plan.add(case, f"joint, {mode.name.lower()} after {limit}", mode=mode, limit=limit)
     return plan.runs
 
 
@@ -228,7 +269,11 @@ def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
         case = random_case(config, f"rate, {density} of the tiles", seed, supertiles=supertiles,
                            mean_pairs=5 * config.batch_places, density=density)
         plan.add(case, most_cycles=most_cycles(config, case))
-    for make in DIRECTED:
+        if config.joint:
+            case = random_joint_case(config, f"rate, {density} of the tiles of both eyes", seed, supertiles=supertiles,
+                                     mean_pairs=3 * config.batch_places, density=density)
+            plan.add(case, most_cycles=most_cycles(config, case))
+    for make in (*DIRECTED, *(JOINT if config.joint else ())):
         case = make(config)
         plan.add(case, f"rate, {case.name}", most_cycles=most_cycles(config, case))
     return plan.runs
@@ -250,10 +295,24 @@ def traced_plan(config: AcceleratorConfig, frames: Mapping[str, Frame]) -> list[
     return plan.runs
 
 
+def joint_traced_plan(config: AcceleratorConfig, frames: Mapping[str, JointFrame]) -> list[Planned]:
+    """Rendered joint frames, compared as those of `traced_plan`."""
+    plan = Plan(config)
+    for name, frame in frames.items():
+        golden = JointBatches(frame)
+        case = Case(f"traced {name}", golden.supertile_records, golden.place_records, True, frame.registers.shift)
+        plan.add(case, most_cycles=most_cycles(config, case))
+        for port, rows in zip(("visits", "entries"), golden.stream_records(), strict=True):
+            assert np.array_equal(plan.runs[-1].expected[port], rows), f"{name}: {port} are not those of the golden renderer"
+        plan.add(case, f"tiles stop, {name}", mode=Mode.AT_ONCE, limit=20)
+    return plan.runs
+
+
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """All runs."""
     frames = traced_frames(config, traced_size(config, "256x144", "128x128"))
-    return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, frames)]
+    joint = joint_traced_plan(config, traced_joint_frames(config, "128x128")) if config.joint else []
+    return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, frames), *joint]
 
 
 def run_plan(

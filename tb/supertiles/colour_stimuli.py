@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,10 +14,11 @@ from golden.msv2_ref.projection import projected_splats
 from golden.msv2_ref.tile_test import tile_test
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
+from spec.joint import EYES
 from spec.records import surviving_splat
 from spec.supertiles import batch_place
 from tb.culling import colour_stimuli
-from tb.culling.colour_stimuli import Case, compact_rows, decoded
+from tb.culling.colour_stimuli import Case, compact_rows, decoded, random_survivors
 from tb.supertiles.tile_test_stimuli import pairs_of
 
 USED = tuple(range(1, 1 << MAX_LEVELS))
@@ -32,16 +34,77 @@ def inputs(config: AcceleratorConfig, case: Case) -> dict[str, np.ndarray]:
 def places(config: AcceleratorConfig, case: Case) -> np.ndarray:
     """(R,) BatchPlace records of the pairs in a case."""
     splats = np.concatenate(case.frames)
+    return _places(config, case, splats, splats["offset"], np.arange(len(splats)))
+
+
+def _places(config: AcceleratorConfig, case: Case, splats: np.ndarray, offset: np.ndarray, pair: np.ndarray) -> np.ndarray:
+    """Places of splats.
+
+    Args:
+        config: the machine.
+        case: has the records of the pairs.
+        splats: (N,) SurvivingSplat records, pair by pair.
+        offset: (N, 3) the directions of their colours.
+        pair: (N,) the pair of each.
+    """
+    lit = splats.copy()
+    lit["offset"] = offset
     geometry, colour = zip(*(decoded(records, case.sh_degree) for records in case.records), strict=True)
     records, _ = survivor_records(
-        config, splats, np.concatenate(colour), case.sh_degree, 0, np.concatenate(geometry)["log2_opacity"])
-    pair, level = np.nonzero(splats["levels"][:, None] >> np.arange(MAX_LEVELS) & 1)
-    found = np.zeros(len(pair), batch_place(config).dtype)
+        config, lit, np.concatenate(colour)[pair], case.sh_degree, 0, np.concatenate(geometry)["log2_opacity"][pair])
+    splat, level = np.nonzero(splats["levels"][:, None] >> np.arange(MAX_LEVELS) & 1)
+    found, pair = np.zeros(len(splat), batch_place(config).dtype), pair[splat]
     for name in records.dtype.names:
         found[name] = records[name]
-    found["level"], found["mask"] = level, splats["mask"][pair]
+    found["level"], found["mask"] = level, splats["mask"][splat]
     found["last"] = np.append(pair[1:] != pair[:-1], len(pair) > 0)[: len(pair)]
+    if config.joint:
+        found["eye"] = splats["eye"][splat]
     return found
+
+
+class JointCase(NamedTuple):
+    """The pairs of a joint frame.
+
+    Attributes:
+        case: the pairs with their records, and what each is in the source.
+        target: (N,) SurvivingSplat records, what each is in the target.
+        shared: whether both eyes have the source's colours.
+    """
+
+    case: Case
+    target: np.ndarray
+    shared: bool
+
+    @property
+    def survivors(self) -> np.ndarray:
+        """(2 N,) the items of both eyes."""
+        return np.stack([*self.case.frames, self.target], 1).reshape(-1)
+
+    def inputs(self, config: AcceleratorConfig) -> dict[str, np.ndarray]:
+        """Rows of the input streams."""
+        return {"survivors": self.survivors, "data": inputs(config, self.case)["data"]}
+
+    def places(self, config: AcceleratorConfig) -> np.ndarray:
+        """(R,) BatchPlace records of the pairs."""
+        splats, pair = self.survivors, np.repeat(np.arange(len(self.target)), EYES)
+        offset = splats["offset"][EYES * pair] if self.shared else splats["offset"]
+        return _places(config, self.case, splats, offset, pair)
+
+
+def joint_case(
+    config: AcceleratorConfig, seed: int, sh_degree: int, count: int, *, shared: bool, name: str | None = None,
+    levels: Sequence[int] = USED, alone: float = 0.3,
+) -> JointCase:
+    """Random pairs and records; a share `alone` of the pairs each has no level in the source, and none in the target."""
+    name = name or f"joint, {'one colour' if shared else 'two colours'}, degree {sh_degree}"
+    case, rng = random_case(config, seed, sh_degree, count, name=name, levels=levels), np.random.default_rng(seed)
+    (source,) = case.frames
+    target, drawn = random_survivors(config, rng, count, levels), rng.random(count)
+    target["bound"], target["eye"], target["index"] = source["bound"], 1, source["index"]
+    for rows, empty in ((source, drawn < alone), (target, drawn > 1 - alone)):
+        rows["levels"][empty], rows["mask"][empty] = 0, 0
+    return JointCase(case, target, shared)
 
 
 def random_case(

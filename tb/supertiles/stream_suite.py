@@ -21,7 +21,8 @@ from tb.supertiles.batch_stimuli import EVERY, Case, Tiles, case_of, random_case
 from tb.supertiles.batch_suite import MOST_ENTRIES
 
 VARIANTS: dict[str, AcceleratorConfig] = {
-    "tiny_streams": TINY_STREAMS, "16-places": TINY_STREAMS.with_(batch_places=16), "v3_streams": V3_STREAMS}
+    "tiny_streams": TINY_STREAMS, "16-places": TINY_STREAMS.with_(batch_places=16), "v3_streams": V3_STREAMS,
+    "tiny_eyes": TINY_STREAMS.with_(joint=True)}
 """Configurations that can be tested."""
 
 DISTINCT = tuple(VARIANTS)
@@ -58,7 +59,7 @@ class Plan:
         """Adds the run that plays a case, as `batch_suite.Plan.add` does."""
         self._frame = (self._frame + 1) % 256
         first = 0 if reset else self._sequence
-        self._sequence = (first + len(case.supertiles)) % (1 << SEQUENCE_BITS)
+        self._sequence = (first + len(case.supertiles) // case.eyes) % (1 << SEQUENCE_BITS)
         exactly, wanted = mode in (Mode.NEVER, Mode.STALE), {}
         every = [wanted_visits(self._config, case, first, q) for q in range(self._config.streams)]
         for q, visits in enumerate(every):
@@ -67,7 +68,7 @@ class Plan:
         quiet = options.pop("quiet", 400)
         run = Run(name or case.name, {"supertiles": case.supertiles, "places": case.places},
                   {port: len(rows) if exactly else 0 for port, rows in wanted.items()},
-                  {"mode": int(mode), "limit": limit, "frame": self._frame}, reset=reset, quiet=quiet, **options)
+                  batch_suite.settings_of(self._config, case, mode, limit, self._frame), reset=reset, quiet=quiet, **options)
         observed = {"batches": len(wanted_batches(self._config, case)), "busy": 0}
         streams = [batch_suite.Planned(
             run, {"visits": wanted[f"visits_{q}"], "entries": wanted[f"entries_{q}"]} if exactly else {},

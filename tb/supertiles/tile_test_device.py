@@ -34,7 +34,7 @@ class SuperTileTestBench(Bench):
         super().__init__(
             {"splats": projected_splat(config), "table": tile_level(config)},
             {"pairs": supertile_pair(config), "survivors": surviving_splat(config)},
-            {name: widths[name] for name in ("width", "height", "obb")},
+            {name: widths[name] for name in ("width", "height", "obb", *(("joint", "shift") if config.joint else ()))},
             {**dict.fromkeys(_COUNTS, COUNTER_BITS), "filled": 1, "busy": 1})
 
     def elaborate(self, platform: object) -> Module:
@@ -69,5 +69,6 @@ def _emit(config: AcceleratorConfig) -> str:
 def playback(config: AcceleratorConfig) -> Playback:
     """The bench of a configuration, emitted as Verilog, with a file at each stream."""
     return SuperTileTestBench(config).playback(
-        f"supertile-test-{config.row_width}-{config.point_interval}-{config.streams}", "super_tile_test_bench",
+        f"supertile-test-{config.row_width}-{config.point_interval}-{config.streams}{'-joint' * config.joint}",
+        "super_tile_test_bench",
         emitted("supertile-test-bench", config, _emit))

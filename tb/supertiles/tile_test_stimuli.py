@@ -47,11 +47,14 @@ def supers_x(width: int) -> int:
     return -(-width // (TILE * SUPER_X))
 
 
-def pairs_of(test: TileTest, index: np.ndarray, levels: np.ndarray, width: int) -> PairsFound:
-    """The pairs to which a frame's intersections belong; `index` has the (rising) indices of its splats."""
+def pairs_of(
+    test: TileTest, index: np.ndarray, levels: np.ndarray, width: int, *, origin: int = 0, columns: int | None = None,
+) -> PairsFound:
+    """The pairs to which a frame's intersections belong; `index` has the (rising) indices of its splats. With `columns` columns
+    of super-tiles, the frame begins `origin` columns of tiles right of the first one's left edge."""
     row, column = np.divmod(test.entries["tile"][:-1].astype(np.int64), -(-width // TILE))
-    splat = np.searchsorted(index, test.entries["index"][:-1])
-    supertile = row // SUPER_Y * supers_x(width) + column // SUPER_X
+    splat, column = np.searchsorted(index, test.entries["index"][:-1]), column + origin
+    supertile = row // SUPER_Y * (columns or supers_x(width)) + column // SUPER_X
     place = row % SUPER_Y * SUPER_X + column % SUPER_X
     count = int(supertile.max(initial=0)) + 1
     found, of = np.unique(splat * count + supertile, return_inverse=True)

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from spec.config import TINY_STREAMS, TINY_V3, V3, V3_STREAMS, AcceleratorConfig
+from spec.config import TINY_EYES, TINY_STREAMS, TINY_V3, V3, V3_EYES, V3_STREAMS, AcceleratorConfig
 from spec.constants import TILE
+from spec.joint import SHIFT_MOST
 from spec.queues import LINES_AHEAD
 from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.scenes import traced_frames, traced_size
-from tb.culling.tile_test_stimuli import Case, case_of, corner_cases, random_case, random_splats, sharp_case
+from tb.culling.tile_test_stimuli import SHAPES, Case, case_of, corner_cases, random_case, random_splats, sharp_case
+from tb.supertiles.joint_tiles import JointSuperCase, joint_random_case
 from tb.supertiles.tile_test_device import playback
 from tb.supertiles.tile_test_stimuli import SuperCase, numbered, wide_case
 
-VARIANTS: dict[str, AcceleratorConfig] = {config.name: config for config in (TINY_V3, TINY_STREAMS, V3, V3_STREAMS)}
+VARIANTS: dict[str, AcceleratorConfig] = {config.name: config for config in (
+    TINY_V3, TINY_STREAMS, V3, V3_STREAMS, TINY_EYES, TINY_STREAMS.with_(name="tiny_eyes_streams", joint=True), V3_EYES)}
 """Configurations that can be tested."""
 
 DISTINCT = tuple(VARIANTS)
-"""Configurations with different units: they test a run of tiles every 8 cycles and every cycle, with and without quarters."""
+"""Configurations with different units: they test a run of tiles every 8 cycles and every cycle, with and without quarters, and
+with joint frames."""
 
 PORTS = ("splats", "table", "pairs", "survivors")
 
@@ -28,8 +32,14 @@ _SETTLING = 90
 
 def plan_of(case: SuperCase, name: str | None = None, **options: object) -> Planned:
     """The run that plays a case; `options` are those of `planned`."""
-    return planned(
-        name or case.name, case.inputs, case.expected, observed=case.observed, settings=case.base.settings, **options)
+    one_eye = {"joint": 0, "shift": 5} if case.config.joint else {}
+    return planned(name or case.name, case.inputs, case.expected, observed=case.observed,
+                   settings=case.base.settings | one_eye, **options)
+
+
+def joint_plan_of(case: JointSuperCase, name: str | None = None, **options: object) -> Planned:
+    """The run that plays a case of joint frames."""
+    return planned(name or case.name, case.inputs, case.expected, observed=case.observed, settings=case.settings, **options)
 
 
 def most_cycles(case: SuperCase) -> int:
@@ -69,6 +79,30 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     plan.append(timed(wide_case(config, rng, rows, "rate of wide splats"), reset=False))
     first = SuperCase(case.base, again=False)
     plan += [plan_of(first, "no second phase"), plan_of(case, "a second phase after none", reset=False)]
+    return plan + (joint_plan(config, seed) if config.joint else [])
+
+
+def joint_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Joint frames of every shape of splats and with every kind of shift, every pattern on every port, runs cut off by resets,
+    and runs in turn with frames of one eye."""
+    rng = np.random.default_rng(seed)
+    widest = min(config.row_width, 400)
+    plan = []
+    for number, shape in enumerate(SHAPES):
+        for shift in (0, 3, -SHIFT_MOST, SHIFT_MOST, -1 - number):
+            size = (int(rng.integers(1, widest)), int(rng.integers(1, 100)))
+            case = joint_random_case(config, rng, f"joint {shape}, shift {shift}, {size}", *size, 50, shift, shape=shape)
+            plan.append(joint_plan_of(case, reset=number % 2 == 0))
+    plan.append(joint_plan_of(joint_random_case(config, rng, "joint, widest", config.row_width, 40, 30, SHIFT_MOST)))
+    plan.append(joint_plan_of(joint_random_case(config, rng, "joint boxes", 200, 90, 60, -2, obb=True)))
+    case = joint_random_case(config, rng, "joint streams", 190, 70, 50, 3, frames=3)
+    for name, patterns in every_pattern(PORTS, seed).items():
+        plan.append(joint_plan_of(case, f"joint {name}", patterns=patterns, reset=False))
+    one = of(random_case(config, rng, "one eye", 190, 70, 40))
+    for cycles in (3, 90, 400, 1500):
+        plan.append(joint_plan_of(case, f"joint, cut off after {cycles} cycles", abort=cycles))
+        plan.append(plan_of(one, f"one eye after a reset at {cycles}"))
+        plan.append(joint_plan_of(case, f"joint frames after one eye, {cycles}", reset=False))
     return plan
 
 

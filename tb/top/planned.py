@@ -6,11 +6,13 @@ from dataclasses import dataclass, field, replace
 
 from golden.host.memory_image import PackedPixels
 from golden.msv2_ref.eyes import StereoFrame
+from golden.msv2_ref.joint import JointFrame
 from golden.msv2_ref.pipeline import Frame
 from spec.codes import ErrorCode
 from spec.memory import BEAT_BYTES
 from spec.packed import table_beat
 from tb.top.check import counter_errors, frame_run, mismatches
+from tb.top.check_joint import joint_counter_errors, joint_mismatches, joint_run
 from tb.top.check_stereo import stereo_counter_errors, stereo_mismatches, stereo_run
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult, FrameRun
@@ -33,7 +35,8 @@ class PlannedFrame:
         frame: the golden frame; for two eyes, the source eye's.
         error: the error code with which the frame must end.
         registers: the values that registers must hold at the end, by name.
-        stereo: the golden frame of both eyes, where there are two.
+        stereo, joint: the golden frame of both eyes, where there are two and the second is warped, or where they have one set
+            of lists.
     """
 
     run: FrameRun
@@ -41,6 +44,7 @@ class PlannedFrame:
     error: ErrorCode = ErrorCode.NONE
     registers: dict[str, int] = field(default_factory=dict)
     stereo: StereoFrame | None = None
+    joint: JointFrame | None = None
 
     @property
     def name(self) -> str:
@@ -50,11 +54,12 @@ class PlannedFrame:
 
 def planned(case: Case, name: str = "", speed: str = "usual", error: ErrorCode = ErrorCode.NONE,
             registers: dict[str, int] | None = None, **options: object) -> PlannedFrame:
-    """A case on the memory SPEEDS[speed]; `options` are further arguments of `frame_run` or `stereo_run`."""
-    stereo = case.frame if isinstance(case.frame, StereoFrame) else None
-    play = frame_run if stereo is None else stereo_run
-    run = play(case.frame, case.beta, SPEEDS[speed], ", ".join(filter(None, (case.name, name))), obb=case.obb, **options)
-    return PlannedFrame(run, case.frame if stereo is None else stereo.source, error, registers or {}, stereo)
+    """A case on the memory SPEEDS[speed]; `options` are further arguments of `frame_run`, `stereo_run` or `joint_run`."""
+    frame = case.frame
+    play = stereo_run if isinstance(frame, StereoFrame) else joint_run if isinstance(frame, JointFrame) else frame_run
+    run = play(frame, case.beta, SPEEDS[speed], ", ".join(filter(None, (case.name, name))), obb=case.obb, **options)
+    return PlannedFrame(run, frame if isinstance(frame, Frame) else frame.source, error, registers or {},
+                        frame if isinstance(frame, StereoFrame) else None, frame if isinstance(frame, JointFrame) else None)
 
 
 def failing(case: Case, region: str, error: ErrorCode, registers: dict[str, int], **options: object) -> PlannedFrame:
@@ -86,12 +91,20 @@ def problems(item: PlannedFrame, result: FrameResult) -> list[str]:
     if isinstance(result.pixels, PackedPixels) and item.run.poison and item.error is not ErrorCode.NONE:
         found += ["the frame ended early, but all blocks are whole"] * (not result.pixels.errors.any())
     if item.error is ErrorCode.NONE:
-        stereo = item.stereo
-        wrong = mismatches(item.frame, result.pixels) if stereo is None else stereo_mismatches(stereo, result)
+        wrong, counters = _compared(item, result)
         found += [_told(m) for m in wrong[:_SHOWN]]
         found += [f"and {len(wrong) - _SHOWN} more values"] * (len(wrong) > _SHOWN)
-        found += counter_errors(item.frame, result) if stereo is None else stereo_counter_errors(stereo, result)
+        found += counters
     return found
+
+
+def _compared(item: PlannedFrame, result: FrameResult) -> tuple[list[dict[str, object]], list[str]]:
+    """The values and the counters in which a frame that ended well differs from the golden one."""
+    if item.stereo is not None:
+        return stereo_mismatches(item.stereo, result), stereo_counter_errors(item.stereo, result)
+    if item.joint is not None:
+        return joint_mismatches(item.joint, result), joint_counter_errors(item.joint, result)
+    return mismatches(item.frame, result.pixels), counter_errors(item.frame, result)
 
 
 def _told(wrong: dict[str, object]) -> str:

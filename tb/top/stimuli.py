@@ -8,6 +8,7 @@ import numpy as np
 
 from golden.msv2_ref import pipeline
 from golden.msv2_ref.eyes import StereoFrame
+from golden.msv2_ref.joint import JointFrame
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.model import SH_REST_COUNT, GaussianModel
@@ -27,7 +28,7 @@ class Case:
     """
 
     name: str
-    frame: pipeline.Frame | StereoFrame
+    frame: pipeline.Frame | StereoFrame | JointFrame
     beta: int | None
     obb: bool
 

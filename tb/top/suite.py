@@ -18,9 +18,11 @@ from spec.config import (
     PAPER_SMALL,
     SHORT_FORMATS,
     TINY,
+    TINY_EYES,
     TINY_STREAMS,
     TINY_V3,
     V3,
+    V3_EYES,
     V3_PACKED,
     V3_RECORDS,
     V3_STREAMS,
@@ -36,6 +38,7 @@ from tb.frame.bound import least_cycles
 from tb.top.check import frame_run
 from tb.top.device import Machine, machine
 from tb.top.plan_buckets import bucket_plan
+from tb.top.plan_joint import broken_joint_plan, good_joint_plan
 from tb.top.plan_stereo import broken_stereo_plan, good_stereo_plan
 from tb.top.planned import SPEEDS, PlannedFrame, failing, failing_table, planned, problems
 from tb.top.player import play_frames
@@ -55,13 +58,15 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny_v3": TINY_V3, "v3": V3, "tiny_streams": TINY_STREAMS, "v3_streams": V3_STREAMS,
     "tiny_v3_baseline": TINY_V3.with_(name="tiny_v3_baseline", incremental=False, buckets=False),
     "tiny_v3_packed": TINY_V3.with_(name="tiny_v3_packed", packed=True), "v3_packed": V3_PACKED,
-    "tiny_streams_packed": TINY_STREAMS.with_(name="tiny_streams_packed", packed=True)}
+    "tiny_streams_packed": TINY_STREAMS.with_(name="tiny_streams_packed", packed=True),
+    "tiny_eyes": TINY_EYES, "tiny_eyes_streams": TINY_STREAMS.with_(name="tiny_eyes_streams", joint=True), "v3_eyes": V3_EYES}
 """Configurations that can be tested."""
 
 DISTINCT = ("tiny", "tiny_baseline", "tiny_stereo", "tiny_stereo_baseline", "tiny_short", "tiny_records", "tiny_chunks",
-            "tiny_records_stereo", "tiny_v3", "tiny_v3_baseline", "tiny_v3_packed", "tiny_streams")
-"""Configurations with different machines: both ways of handing over, the presets' number formats, chunks, packed frames, and
-four arrays. Larger machines are simulated with whole frames (`tb.frame`)."""
+            "tiny_records_stereo", "tiny_v3", "tiny_v3_baseline", "tiny_v3_packed", "tiny_streams", "tiny_eyes",
+            "tiny_eyes_streams")
+"""Configurations with different machines: both ways of handing over, the presets' number formats, chunks, packed frames, four
+arrays, and joint frames. Larger machines are simulated with whole frames (`tb.frame`)."""
 
 
 def pixels_of(config: AcceleratorConfig, number: int) -> dict[str, bool]:
@@ -76,10 +81,12 @@ def good_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
     """Every case on two memories, the second time without a reset and without clearing the memory of the previous frame.
 
     Frames have the formats of `pixels_of`, and the second run of a case has another one than the first. Machines with stereo
-    play frames of two eyes instead, and some of one eye among them.
+    or with joint frames play frames of two eyes instead, and some of one eye among them.
     """
     if config.stereo:
         return good_stereo_plan(config, seed)
+    if config.joint:
+        return good_joint_plan(config, seed)
     cases, names = small_cases(config, seed), list(SPEEDS)
     plan = [planned(case, "usual memory", **pixels_of(config, n)) for n, case in enumerate(cases)]
     return plan + [
@@ -93,6 +100,8 @@ def broken_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
     machine needs none. Where the machine packs frames, they are packed."""
     if config.stereo:
         return broken_stereo_plan(config, seed)
+    if config.joint:
+        return broken_joint_plan(config, seed)
     rng = np.random.default_rng(seed)
     scene = case(config, "scene", cloud(rng, 200, sh=1), (64, 48))
     chunk = config.sort_chunk

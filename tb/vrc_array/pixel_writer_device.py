@@ -7,6 +7,7 @@ from functools import cache
 
 from rtl.vrc_array.pixel_writer import PixelWriter
 from spec.config import AcceleratorConfig
+from spec.memory import BEAT_BITS
 from tb.common.framed import FrameWriterBench
 from tb.common.playback import Playback
 
@@ -14,5 +15,6 @@ from tb.common.playback import Playback
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
     """The bench of a configuration, emitted as Verilog, with a file at each stream."""
-    return FrameWriterBench(config, PixelWriter(config), {"display": 1}).playback(
-        f"writer-{config.cores_x}", "writer_bench")
+    joint = {"joint": 1, "target_frame_base": BEAT_BITS} if config.joint else {}
+    return FrameWriterBench(config, PixelWriter(config), {"display": 1, **joint}).playback(
+        f"writer-{config.cores_x}{'-joint' * config.joint}", "writer_bench")

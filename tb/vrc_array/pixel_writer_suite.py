@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from golden.msv2_ref.frame_memory import frame_pixels
-from spec.config import PAPER, PAPER_SMALL, TINY, AcceleratorConfig
+from spec.config import PAPER, PAPER_SMALL, TINY, TINY_EYES, V3_EYES, AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import BEAT_BITS
 from tb.common import exact
@@ -16,11 +18,12 @@ from tb.vrc_array.pixel_writer_stimuli import every_value, random_pixels, rows_o
 
 VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny": TINY, "tiny-2-wide": TINY.with_(cores_x=2), "tiny-8-wide": TINY.with_(cores_x=8, depth=False),
-    "paper_small": PAPER_SMALL, "paper": PAPER}
+    "paper_small": PAPER_SMALL, "paper": PAPER,
+    "tiny_eyes": TINY_EYES, "v3_eyes": V3_EYES}
 """Configurations that can be tested."""
 
-DISTINCT = ("tiny", "tiny-2-wide", "tiny-8-wide", "paper")
-"""Configurations with different units: every width of a pixel row. PAPER_SMALL's is PAPER's."""
+DISTINCT = ("tiny", "tiny-2-wide", "tiny-8-wide", "paper", "tiny_eyes", "v3_eyes")
+"""Configurations with different units: every width of a pixel row, and joint frames. PAPER_SMALL's is PAPER's."""
 
 PORTS = ("rows", "writes")
 
@@ -57,11 +60,61 @@ class Plan:
         item = planned(
             name + FORMATS[display], {"rows": rows}, {"writes": writes_of(self._config, frame, rows, base, display)},
             settings={"width": width, "height": height, "display": int(display), "frame_base": base, "tile_count": tiles,
-                      "frame": self._frame},
+                      "frame": self._frame, **self._joint(joint=0)},
             observed={"busy": 0, "finished": not missing, "pixels": width * height, "early": 0}
             if options.get("quiet", 1) else None, **options)
         self.runs.append(item)
         return item
+
+
+    def _joint(self, *, joint: int) -> dict[str, int]:
+        base = int(self._rng.integers(1 << BEAT_BITS))
+        return {"joint": joint, "target_frame_base": base} if self._config.joint else {}
+
+    def add_joint(
+        self, name: str, eyes: Sequence[np.ndarray], *, display: bool = False, missing: int = 0, **options: object,
+    ) -> None:
+        """Adds the run that plays the FramePixel records of two eyes, whose rows come by turns, some of each; `missing` is as
+        for `add`, for each eye."""
+        self._frame = (self._frame + 1) % 256
+        height, width = eyes[0].shape
+        more = self._joint(joint=1)
+        bases = int(self._rng.integers(1 << BEAT_BITS)), more["target_frame_base"]
+        parts, writes = [], []
+        every = [rows_of(self._config, frame, self._rng) for frame in eyes]
+        cuts = np.sort(self._rng.integers(0, len(every[0]) + 1, 6))
+        for part in zip(*(np.split(rows, cuts) for rows in every), strict=True):
+            for eye, rows in enumerate(part):
+                rows["eye"] = eye
+                parts.append(rows)
+                writes.append(writes_of(self._config, eyes[eye], rows, bases[eye], display))
+        self.runs.append(planned(
+            name + FORMATS[display], {"rows": np.concatenate(parts)}, {"writes": np.concatenate(writes)},
+            settings={"width": width, "height": height, "display": int(display), "frame_base": bases[0],
+                      "tile_count": -(-width // TILE) * -(-height // TILE) + missing, "frame": self._frame, **more},
+            observed={"busy": 0, "finished": not missing, "pixels": 2 * width * height, "early": 0}
+            if options.get("quiet", 1) else None, **options))
+
+
+def joint_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Joint frames of many sizes, with pauses, and between frames of one eye."""
+    plan, rng = Plan(config, seed), np.random.default_rng(seed)
+
+    def pixels(width: int, height: int) -> list[np.ndarray]:
+        return [random_pixels(config, rng, width, height) for _ in range(2)]
+
+    for display in (False, True):
+        for width, height in SIZES:
+            plan.add_joint(f"joint, {width} x {height}", pixels(width, height), display=display)
+        for name, patterns in every_pattern(PORTS, seed).items():
+            plan.add_joint(f"joint, {name}", pixels(37, 21), display=display, patterns=patterns, reset=False)
+        plan.add_joint("joint, a tile is missing", pixels(37, 21), display=display, missing=1, reset=False)
+    for k in range(6):
+        if k % 3 == 1:
+            plan.add(f"joint, back to back {k}", random_pixels(config, rng, 33 + k, 17), display=k % 2 == 1, reset=False)
+        else:
+            plan.add_joint(f"joint, back to back {k}", pixels(33 + k, 17), display=k % 2 == 1, reset=False)
+    return plan.runs
 
 
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
@@ -109,7 +162,8 @@ def traced_plan(config: AcceleratorConfig, size: str) -> list[Planned]:
 
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """All runs."""
-    return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, "131x75")]
+    joint = joint_plan(config, seed) if config.joint else []
+    return [*unit_plan(config, seed), *rate_plan(config, seed), *joint, *traced_plan(config, "131x75")]
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:

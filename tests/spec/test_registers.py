@@ -13,7 +13,7 @@ from msv2.document import registers as document_registers
 from msv2.document.__main__ import check
 from spec import host_settings, registers
 from spec.codes import ErrorCode, Phase
-from spec.config import CONFIGS, DEFAULT, MACHINES, PAPER, TINY, TINY_V3, V3, V3_PACKED, V3_RECORDS
+from spec.config import CONFIGS, DEFAULT, MACHINES, PAPER, TINY, TINY_V3, V3, V3_EYES, V3_PACKED, V3_RECORDS
 from spec.errors import InputError
 from spec.formats import SQ
 from spec.memory import frame_settings
@@ -66,11 +66,11 @@ def test_every_number_of_the_settings_has_a_register_in_order(config):
 
 def test_a_register_has_one_address_in_all_machines():
     """Where a machine has no chunks, no stereo or no splat records in memory, the addresses of their registers are empty."""
-    every = {r.name: r.offset for name in ("every", "v3_packed") for r in MAPS[name]}
+    every = {r.name: r.offset for name in ("every", "v3_packed", "v3_eyes") for r in MAPS[name]}
     assert len(set(every.values())) == len(every)
     for everything in MAPS.values():
         assert {r.name: r.offset for r in everything}.items() <= every.items()
-    assert set(every) == {r.name for name in ("v3_records", "stereo", "v3_packed") for r in MAPS[name]}
+    assert set(every) == {r.name for name in ("v3_records", "stereo", "v3_packed", "v3_eyes") for r in MAPS[name]}
     added = {name: {r.name for r in MAPS[name]} - {r.name for r in MAPS["paper"]} for name in ("v3_records", "stereo")}
     assert added["v3_records"] == {
         "chunks", "chunks_base", "reach_0", "reach_1", "read_beats_chunks", "chunks_read", "chunks_skipped"}
@@ -129,6 +129,21 @@ def test_machines_that_pack_frames_have_one_more_setting_and_say_so():
     display = next(s.number for s in host_settings.settings(V3_PACKED) if s.name == "display")
     for is_packed, shown, found in ((0, 0, None), (0, 1, None), (1, 1, None), (1, 0, display)):
         assert host_settings.first_illegal(V3_PACKED, patterns | {"packed": is_packed, "display": shown}) == found
+
+
+def test_machines_with_joint_frames_have_the_target_eyes_settings_and_say_so():
+    plain, joint = ({r.name: r.offset for r in registers.register_map(config)} for config in (V3, V3_EYES))
+    target = {"target_position_0", "target_position_1", "target_position_2", "target_tiles_base", "target_frame_base"}
+    assert set(joint) - set(plain) == target | {"joint", "shift", "shared_colour"} and plain.items() <= joint.items()
+    bit = next(b for r in MAPS["v3"] for b in r.bits if b.name == "joint")
+    for config in (V3, V3_EYES, TINY_V3, PAPER):
+        assert bool(registers.identity(config)["machine_units"] & bit.mask) == config.joint
+        assert registers.identity(config)["version"] & 0xFFFF == 4 * config.joint
+    assert registers.fingerprint(V3_EYES) != registers.fingerprint(V3) == 0x49653B21
+    patterns, number = legal(V3_EYES), next(s.number for s in host_settings.settings(V3_EYES) if s.name == "shift")
+    for is_joint, shift, found in (
+            (0, 9, None), (1, 0, None), (1, 8, None), (1, 9, number), (1, -9 & 31, number), (1, -8 & 31, None), (1, 31, None)):
+        assert host_settings.first_illegal(V3_EYES, patterns | {"joint": is_joint, "shift": shift}) == found
 
 
 @pytest.mark.parametrize("name", document_registers.MAKERS)

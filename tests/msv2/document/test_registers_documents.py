@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import pytest
 
 from msv2.document.registers import MAKERS
-from msv2.document.registers_map import EVERY_MACHINE, SUPERTILE_MACHINE, register_list, words_of
+from msv2.document.registers_map import EVERY_MACHINE, JOINT_MACHINE, SUPERTILE_MACHINE, register_list, words_of
 from spec.config import TINY, TINY_V3, AcceleratorConfig
 from spec.registers import Access, Register, register_map
 
@@ -18,7 +18,7 @@ MACHINES = {"tiny": TINY, "without_counters": TINY.with_(counters=False), "super
 
 def registers_of(config: AcceleratorConfig) -> dict[str, Register]:
     """The registers by name; EVERY_MACHINE stands for all machines."""
-    more = register_map(SUPERTILE_MACHINE) if config == EVERY_MACHINE else ()
+    more = (*register_map(JOINT_MACHINE), *register_map(SUPERTILE_MACHINE)) if config == EVERY_MACHINE else ()
     return {r.name: r for r in (*more, *register_map(config))}
 
 
