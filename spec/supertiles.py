@@ -199,6 +199,11 @@ def batch_tiles(config: AcceleratorConfig) -> int:
     return SUPER_TILES << config.joint
 
 
+def batch_tile_bits(config: AcceleratorConfig) -> int:
+    """Bits of a tile's number among those of `batch_tiles`."""
+    return (batch_tiles(config) - 1).bit_length()
+
+
 def check_supertiles(config: AcceleratorConfig) -> None:
     """Raises ValueError where the config has no super-tiles, or its sizes do not suit each other."""
     if not config.supertiles:

@@ -71,7 +71,8 @@ class BatchBuffer(wiring.Component):
         places: BatchPlace items of these super-tiles, in order; each super-tile gets as many with `last` as it has pairs. A
             place is an entry of those tiles of its mask, in its eye, that have its level.
         done, current: from the array: tiles of super-tile number `current`, as `batch_tiles` counts them, of which all pixels
-            have stopped. A bit that is set stays so until `current` changes. Bits count while `current` is the sequence number of the visit's super-tile.
+            have stopped. A bit that is set stays so until `current` changes. Bits count while `current` is the sequence number
+            of the visit's super-tile.
         visits: TileVisit items. Super-tiles are numbered from the last reset on, not by frame, so that the first one of a frame
             has another number than the last one of the frame before, whose `done` may still stand.
         entries: VisitEntry items; an item with `end` closes each visit. A visit may be taken before the last entry of the one

@@ -13,7 +13,7 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.select import select
 from spec.config import AcceleratorConfig
-from spec.supertiles import batch_tiles, check_supertiles
+from spec.supertiles import batch_tile_bits, batch_tiles, check_supertiles
 
 MASK_PLACES = 32
 """Most places of a word of masks."""
@@ -27,11 +27,6 @@ def mask_places(config: AcceleratorConfig) -> int:
 def mask_words(config: AcceleratorConfig) -> int:
     """Words of a tile in a half of the batch buffer."""
     return config.batch_places // mask_places(config)
-
-
-def tile_bits(config: AcceleratorConfig) -> int:
-    """Bits of a tile's number among those of a batch."""
-    return (batch_tiles(config) - 1).bit_length()
 
 
 def word_bits(config: AcceleratorConfig) -> int:
@@ -92,7 +87,7 @@ class BatchMasks(wiring.Component):
             "half": In(1), "begin": In(1), "settled": Out(1),
             "summary": Out(data.ArrayLayout(mask_words(config), tiles)),
             "waiting": Out(tiles), "waiting_half": Out(1),
-            "read_en": In(1), "read_tile": In(tile_bits(config)), "read_word": In(word_bits(config)), "read_half": In(1),
+            "read_en": In(1), "read_tile": In(batch_tile_bits(config)), "read_word": In(word_bits(config)), "read_half": In(1),
             "read_data": Out(mask_places(config)),
         })
 

@@ -19,11 +19,19 @@ from amaranth.lib.wiring import In, Out
 from rtl.select import select
 from rtl.shapes import layout
 from rtl.stream import Buffer
-from rtl.supertiles.batch_masks import lowest, mask_places, mask_words, place_of, tile_bits, word_bits
+from rtl.supertiles.batch_masks import lowest, mask_places, mask_words, place_of, word_bits
 from rtl.supertiles.eyes import joint_settings, origins
 from spec.config import AcceleratorConfig
 from spec.constants import SUPER_X
-from spec.supertiles import SEQUENCE_BITS, SUPER_PLACES, batch_tiles, check_supertiles, supertile, tile_visit
+from spec.supertiles import (
+    SEQUENCE_BITS,
+    SUPER_PLACES,
+    batch_tile_bits,
+    batch_tiles,
+    check_supertiles,
+    supertile,
+    tile_visit,
+)
 
 
 def batch_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -56,16 +64,16 @@ def _tile_layout(config: AcceleratorConfig) -> data.StructLayout:
     """A tile whose words are to be read. `visit`: it is visited, with or without words; otherwise nothing but the end of its
     batch passes on. `closes`: the last one of a batch."""
     return data.StructLayout({
-        "words": mask_words(config), "tile": tile_bits(config), "half": 1, "sequence": SEQUENCE_BITS, "level": 2, "blend": 1,
-        "visit": 1, "closes": 1})
+        "words": mask_words(config), "tile": batch_tile_bits(config), "half": 1, "sequence": SEQUENCE_BITS, "level": 2,
+        "blend": 1, "visit": 1, "closes": 1})
 
 
 def _word_layout(config: AcceleratorConfig) -> data.StructLayout:
     """What accompanies a word of masks. `empty`: there is no word; `ends`: the last one of a visit; `closes`: the last one of a
     batch."""
     return data.StructLayout({
-        "word": word_bits(config), "tile": tile_bits(config), "half": 1, "sequence": SEQUENCE_BITS, "level": 2, "blend": 1,
-        "empty": 1, "ends": 1, "closes": 1})
+        "word": word_bits(config), "tile": batch_tile_bits(config), "half": 1, "sequence": SEQUENCE_BITS, "level": 2,
+        "blend": 1, "empty": 1, "ends": 1, "closes": 1})
 
 
 class BatchVisits(wiring.Component):
@@ -101,8 +109,9 @@ class BatchVisits(wiring.Component):
             "visits": Out(stream.Signature(layout(tile_visit(config)))),
             "items": Out(stream.Signature(item_layout(config))),
             "done": In(batch_tiles(config)), "current": In(SEQUENCE_BITS),
-            "waiting": In(batch_tiles(config)), "waiting_half": In(1), "read_en": Out(1), "read_tile": Out(tile_bits(config)),
-            "read_word": Out(word_bits(config)), "read_half": Out(1), "read_data": In(mask_places(config)),
+            "waiting": In(batch_tiles(config)), "waiting_half": In(1), "read_en": Out(1),
+            "read_tile": Out(batch_tile_bits(config)), "read_word": Out(word_bits(config)), "read_half": Out(1),
+            "read_data": In(mask_places(config)),
             "busy": Out(1),
         })
 

@@ -191,7 +191,8 @@ class GatherPhase(wiring.Component):
         m.submodules.fork = fork = Fork(self.listed.payload.shape())
         m.submodules.supertiles = made = SuperTileReader(self.config)
         m.submodules.supertile_fork = broadcast = Broadcast(made.supertiles.payload.shape())
-        m.submodules.queue = queue = SyncFIFOBuffered(width=made.supertiles.payload.shape().size, depth=SUPERTILES_AHEAD << self.config.joint)
+        m.submodules.queue = queue = SyncFIFOBuffered(
+            width=made.supertiles.payload.shape().size, depth=SUPERTILES_AHEAD << self.config.joint)
         connect_settings(m, self, made)
         counted, open_ = Signal(), Signal()
         with m.If(self.hits.valid & self.hits.ready & self.hits.payload.end):

@@ -50,7 +50,8 @@ class BatchArray(wiring.Component):
         background: r, g, b behind everything; must be stable during a frame.
         pixels: all pixel rows of every tile, ordered by final visit, then block (row-major), then row.
         current: the super-tile (`sequence`) of the last visit taken.
-        done: one bit per tile of `current`, in joint frames of both eyes: all of its pixels had stopped when its state was last stored. See PixelState.
+        done: one bit per tile of `current`, in joint frames of both eyes: all of its pixels had stopped when its state was
+            last stored. See PixelState.
         ops: ops issued to the cores since reset, loads and stores among them; an op counts once for each block.
         skipped: intersections skipped since reset because all pixels of their tile had stopped.
         waits: cycles since reset in which an op waited, and the array with it: a load for its tile's last store, or one that

@@ -11,7 +11,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.vrc_array.blocks import BlockSequencer
 from rtl.vrc_array.pixel_core import index_shape
 from spec.config import AcceleratorConfig
-from spec.supertiles import batch_tiles, check_supertiles
+from spec.supertiles import batch_tile_bits, check_supertiles
 
 
 class BatchSequencer(BlockSequencer):
@@ -36,7 +36,7 @@ class BatchSequencer(BlockSequencer):
         return {
             **super()._ports(),
             "may_load": In(1), "may_store": In(1), "loading": Out(1), "storing": Out(1),
-            "place": Out((batch_tiles(self.config) - 1).bit_length()), "fresh": Out(1), "block": Out(index_shape(self.config.blocks)),
+            "place": Out(batch_tile_bits(self.config)), "fresh": Out(1), "block": Out(index_shape(self.config.blocks)),
         }
 
     def _free(self, op: Any) -> Value:
@@ -49,5 +49,6 @@ class BatchSequencer(BlockSequencer):
     def _issue(self, m: Module, strobe: Value, op: Any, polynomial: dict[str, Value], block: Value | None) -> None:
         super()._issue(m, strobe, op, polynomial, block)
         m.d.comb += [
-            self.place.eq(Cat(op.place, op.eye) if self.config.joint else op.place), self.fresh.eq(op.fresh), self.block.eq(Const(0) if block is None else block),
+            self.place.eq(Cat(op.place, op.eye) if self.config.joint else op.place), self.fresh.eq(op.fresh),
+            self.block.eq(Const(0) if block is None else block),
             self.loading.eq(strobe & op.load), self.storing.eq(strobe & op.drain & ~op.last)]

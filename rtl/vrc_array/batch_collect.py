@@ -15,12 +15,7 @@ from rtl.vrc_array.batch_row import state_layout
 from rtl.vrc_array.batch_setup import quarter_port
 from rtl.vrc_array.collect import Collect, place_latency
 from spec.config import AcceleratorConfig
-from spec.supertiles import SEQUENCE_BITS, batch_tiles, check_supertiles
-
-
-def place_bits(config: AcceleratorConfig) -> int:
-    """Bits of a tile's number among those of which the array has a state."""
-    return (batch_tiles(config) - 1).bit_length()
+from spec.supertiles import SEQUENCE_BITS, batch_tile_bits, check_supertiles
 
 
 def stored_row(config: AcceleratorConfig) -> data.StructLayout:
@@ -28,7 +23,7 @@ def stored_row(config: AcceleratorConfig) -> data.StructLayout:
     return data.StructLayout({
         "valid": 1,  # the row goes to the state memory
         "final": 1,  # the row is one of a last visit, which leaves as pixels; not both
-        "place": place_bits(config),
+        "place": batch_tile_bits(config),
         "sequence": SEQUENCE_BITS,
         "blend": 1,
         "row": 4,  # in the tile
@@ -55,8 +50,8 @@ class BatchCollect(Collect):
 
     def _ports(self) -> dict[str, wiring.Member]:
         return {
-            **super()._ports(), **quarter_port(self.config), "storing": In(1), "place": In(place_bits(self.config)), "may_store": Out(1),
-            "stored": Out(stored_row(self.config))}
+            **super()._ports(), **quarter_port(self.config), "storing": In(1), "place": In(batch_tile_bits(self.config)),
+            "may_store": Out(1), "stored": Out(stored_row(self.config))}
 
     def elaborate(self, platform: object) -> Module:
         m = Module()

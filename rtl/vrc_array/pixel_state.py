@@ -30,7 +30,7 @@ from rtl.vrc_array.batch_row import state_layout
 from rtl.vrc_array.pixel_core import index_shape
 from rtl.vrc_array.row import SUMS_LATER
 from spec.config import AcceleratorConfig
-from spec.supertiles import SEQUENCE_BITS, batch_tiles, check_supertiles
+from spec.supertiles import SEQUENCE_BITS, batch_tile_bits, batch_tiles, check_supertiles
 from spec.tables import t_stop
 
 
@@ -103,7 +103,7 @@ class PixelState(wiring.Component):
         check_supertiles(config)
         self.config, tiles = config, batch_tiles(config)
         super().__init__({
-            "place": In((tiles - 1).bit_length()),
+            "place": In(batch_tile_bits(config)),
             "fresh": In(1),
             "block": In(index_shape(config.blocks)),
             "may_load": Out(1),

@@ -71,8 +71,8 @@ class PixelWriter(wiring.Component):
         tile_count: tiles of the frame, or of either eye of a joint frame.
         begin: strobe before a frame's first row; clears `finished` and `pixels`.
         pixels: pixels written since `begin`, up to the previous cycle; always 0 without `config.counters`.
-        finished: all rows of `tile_count` tiles, in joint frames twice as many, have arrived since `begin`, and memory has their pixels. Stays high until
-            `begin`.
+        finished: all rows of `tile_count` tiles, in joint frames twice as many, have arrived since `begin`, and memory has
+            their pixels. Stays high until `begin`.
         busy: a row is inside.
 
     Storage: two rows. Throughput: one beat per cycle, one row per cycle. Order is kept. Latency: 2 cycles.

@@ -5,10 +5,12 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
+from golden.msv2_ref.joint import JointFrame, render_joint
 from golden.msv2_ref.pipeline import Frame, render
 from golden.scenes.captured import scene_argument
 from golden.scenes.level_source import RANDOM
 from golden.scenes.request import parse_request, resolve
+from golden.scenes.stereo import stereo_pair
 from spec.config import AcceleratorConfig
 
 TRAINED = ("truck", "rock_sh3")
@@ -35,6 +37,19 @@ def traced_frames(config: AcceleratorConfig, size: str, trained: tuple[str, ...]
     gazes = (("none", None), ("50,40", config.levels))[: 1 + (config.levels > 1)]
     paths = filter(None, map(scene_argument, ("embedded", *trained)))
     return dict(traced_frame(config, path, size, *gaze) for path in paths for gaze in gazes)
+
+
+def traced_joint_frames(config: AcceleratorConfig, size: str) -> dict[str, JointFrame]:
+    """Joint frames of the embedded scene by name: with colours of each eye and without foveation, and with the source's colours
+    and with foveation where the configuration has more than one level; each with another shift."""
+    found = {}
+    for gaze, shared, shift in ((("none", None), False, None), (("50,40", config.levels), True, 3)):
+        more = () if gaze[1] is None else ("--levels", str(gaze[1]), "--levels-from", RANDOM)
+        request = resolve(parse_request("embedded", "--size", size, "--gaze", gaze[0], "--background", "0.2,0.5,0.9", *more))
+        found[f"joint embedded {size}{', foveated' * shared}"] = render_joint(
+            request.model, stereo_pair(request.camera), config=config, foveation=request.foveation,
+            background=request.background, shared_colour=shared, shift=shift)
+    return found
 
 
 def traced_size(config: AcceleratorConfig, size: str, small: str = "160x96") -> str:

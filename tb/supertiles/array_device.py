@@ -16,7 +16,8 @@ from tb.common.playback import Playback, Stream
 def batch_array_playback(config: AcceleratorConfig) -> Playback:
     """The array of a configuration, emitted as Verilog, with a file at each stream."""
     return Playback(
-        name=f"batch-array-{config.cores_x}x{config.cores_y}{'-joint' * config.joint}", module="batch_array", verilog=emitted("batch_array", config),
+        name=f"batch-array-{config.cores_x}x{config.cores_y}{'-joint' * config.joint}", module="batch_array",
+        verilog=emitted("batch_array", config),
         inputs=(Stream("visits", tile_visit(config)), Stream("entries", visit_entry(config))),
         outputs=(Stream("pixels", pixel_row(config)),),
         settings=(("background", 3 * config.formats.colour.width), *((("quarter", 2),) if config.streams > 1 else ())),

@@ -12,7 +12,7 @@ import numpy as np
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS, SUPER_TILES, SUPER_X
 from spec.formats import Fixed
-from spec.joint import EYES, SHIFT_MOST, grid_origins
+from spec.joint import EYES, grid_origins
 from spec.memory import splat_record
 from spec.records import TILE_BITS, Record
 from spec.supertiles import SEQUENCE_BITS, batch_place, supertile, tile_visit, visit_entry

@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from golden.msv2_ref.batches import FrameBatches
+from golden.msv2_ref.joint import JointFrame
+from golden.msv2_ref.joint_batches import JointBatches
 from golden.msv2_ref.pipeline import Frame
 from rtl.supertiles.batch_buffer import LATENCY
 from spec.config import TINY_EYES, TINY_V3, V3, V3_EYES, AcceleratorConfig
@@ -22,7 +24,7 @@ from tb.common.exact import Outcome, every_pattern
 from tb.common.playback import ERRORS
 from tb.common.player import Recording, Run
 from tb.common.runner import Waves
-from tb.common.scenes import traced_frames, traced_size
+from tb.common.scenes import traced_frames, traced_joint_frames, traced_size
 from tb.supertiles.batch_device import LATE, Mode, playback
 from tb.supertiles.batch_stimuli import (
     DIRECTED,
@@ -293,10 +295,24 @@ def traced_plan(config: AcceleratorConfig, frames: Mapping[str, Frame]) -> list[
     return plan.runs
 
 
+def joint_traced_plan(config: AcceleratorConfig, frames: Mapping[str, JointFrame]) -> list[Planned]:
+    """Rendered joint frames, compared as those of `traced_plan`."""
+    plan = Plan(config)
+    for name, frame in frames.items():
+        golden = JointBatches(frame)
+        case = Case(f"traced {name}", golden.supertile_records, golden.place_records, True, frame.registers.shift)
+        plan.add(case, most_cycles=most_cycles(config, case))
+        for port, rows in zip(("visits", "entries"), golden.stream_records(), strict=True):
+            assert np.array_equal(plan.runs[-1].expected[port], rows), f"{name}: {port} are not those of the golden renderer"
+        plan.add(case, f"tiles stop, {name}", mode=Mode.AT_ONCE, limit=20)
+    return plan.runs
+
+
 def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """All runs."""
     frames = traced_frames(config, traced_size(config, "256x144", "128x128"))
-    return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, frames)]
+    joint = joint_traced_plan(config, traced_joint_frames(config, "128x128")) if config.joint else []
+    return [*unit_plan(config, seed), *rate_plan(config, seed), *traced_plan(config, frames), *joint]
 
 
 def run_plan(

@@ -60,7 +60,7 @@ def playback(config: AcceleratorConfig, sh_degree: int = 3) -> Playback:
     return Playback(
         name=name, module="pair_colour", verilog=emitted(name, config, partial(_emit, sh_degree=sh_degree)),
         inputs=(Stream("survivors", surviving_splat(config)), Stream("data", read_data(config))),
-        outputs=(Stream("places", batch_place(config)),), 
+        outputs=(Stream("places", batch_place(config)),),
         settings=(("sh_degree", 2), *((("joint", 1), ("shared_colour", 1)) if config.joint else ())), observed=())
 
 

@@ -1,5 +1,5 @@
-"""Stimuli of the batch buffer in joint frames (`spec.joint`): super-tiles with tiles of both eyes, and pairs that have places in
-one of them or in both."""
+"""Stimuli of the batch buffer in joint frames (`spec.joint`): super-tiles with tiles of both eyes, and pairs that have places
+in one of them or in both."""
 
 from __future__ import annotations
 
