@@ -105,7 +105,8 @@ def test_frames_of_super_tiles_in_short(variant, tmp_path):
 
 JOINT_IN_SHORT = (
     "gaze in the middle", "right eye first, usual", "shift -8", "shift 5, far", "clusters", "shared colours, usual",
-    "own colours, slow", "alone, usual", "around both", "bounding boxes, pauses", "no Gaussians, usual", "one pixel", "odd size")
+    "own colours, slow", "alone, usual", "around both", "bounding boxes, pauses", "no Gaussians, usual", "one pixel",
+    "odd size")
 """Of the plan's joint frames, a few, with the frames of one eye that follow some of them."""
 
 JOINT_BROKEN = (
