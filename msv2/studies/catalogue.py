@@ -132,6 +132,8 @@ STUDIES = (
           (Report("--keep", ("frames_v3.json",), 25, SCENES),), ("--only", "frames_v3")),
     Study("frames_streams", "msv2.studies.results.study", "the same on `v3` with four arrays and packed frames",
           (Report("--keep", ("frames_streams.json",), 20, SCENES),), ("--only", "frames_streams")),
+    Study("frames_eyes", "msv2.studies.results.study", "joint frames of both eyes on `v3_eyes`, through the RTL",
+          (Report("--keep", ("frames_eyes.json",), 20, SCENES),), ("--only", "frames_eyes")),
     Study("gallery", "msv2.studies.gallery.study", "a frame of a scene in every way of drawing it, and the README's pictures",
           (Report("--keep", ("docs/gallery.md", *(f"docs/images/{name}" for name in (
               "foveated.png", "renderers.png", "film.webp", "film.png", *(
