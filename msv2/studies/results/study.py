@@ -62,7 +62,7 @@ SYNTHESISED = (
     "axi_master", "register_file", "float_add", "float_mul", "float_divide", "float_reciprocal", "float_rsqrt", "float_sqrt",
     "fixed_to_float", "float_to_fixed", "chunk_header_reader", "chunk_reader", "geometry_decode", "level_bounds", "chunk_test",
     "supertile_clip", "supertile_test", "depth_buckets", "pair_writer", "supertile_reader", "record_fetch", "pair_colour",
-    "batch_buffer", "stream_buffer", "row_join", "stream_arrays")
+    "batch_buffer", "stream_buffer", "row_join")
 """The units of the area table. `batch_array` is not among them: reports/area.md has its parts."""
 
 SYNTHESIS_KEYS = ("area_um2", "area_per_core_um2", "cells", "clock_ps", "slack_ps", "zero_slack_ps", "derated_ps",

@@ -92,7 +92,8 @@ def _packed(content: Mapping[str, Any]) -> str:
     head = ("frame", *(f"{MEMORY_NAMES[memory]} cycles" for memory in MEMORIES), "bytes", "share of the frame")
     lines.append(("geometric mean", *(f"{over[key]:.3f}" for key in ("lpddr3_gain", "ideal_gain", "bytes_gain")), ""))
     return "\n\n".join((
-        "## Packed frames", f"`{V3_PACKED.name}`, which packs frames for displays, over `{V3.name}`.",
+        "## Packed frames", f"`{V3_PACKED.name}`, which packs frames for displays, over `{V3.name}`. The energy of "
+        "packing counts in rows that were measured since reports/energy_per_operation.json has the frame packer.",
         table(head, lines, left=1)))
 
 
