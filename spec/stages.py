@@ -75,9 +75,10 @@ STAGES = (
         "projection", "Projection", StagePhase.GEOMETRY,
         "Gaussians are read, tested against the near plane and projected to splats.",
         golden=("golden.msv2_ref.projection",),
-        rtl=("rtl.tile_lists.geometry_reader", "rtl.culling.near", "rtl.culling.projection", "rtl.culling.projection_unit"),
+        rtl=("rtl.tile_lists.geometry_reader", "rtl.culling.eyes", "rtl.culling.near", "rtl.culling.projection",
+             "rtl.culling.projection_unit"),
         units=("geometry_reader", "near_test", "projection", "projection_unit"),
-        suites=("tb.culling.projection_suite",), test="culling", counters=("geometry", "projection")),
+        suites=("tb.culling.projection_suite", "tb.culling.joint_suite"), test="culling", counters=("geometry", "projection")),
     Stage(
         "tile_test", "Tile test", StagePhase.GEOMETRY,
         "The tiles that a splat touches are found, and those that the foveation filter drops are left out.",
@@ -167,7 +168,7 @@ _SUPERTILE = (
         "supertile_test", "Tile test by super-tile", StagePhase.GEOMETRY,
         "The super-tiles in which a splat has intersections are found, and later the tiles of one super-tile.",
         golden=("golden.msv2_ref.supertiles",),
-        rtl=("rtl.tile_lists.table_loader", "rtl.supertiles.clip", "rtl.supertiles.tile_test"),
+        rtl=("rtl.tile_lists.table_loader", "rtl.supertiles.clip", "rtl.supertiles.tile_test", "rtl.supertiles.pair_union"),
         units=("supertile_clip", "supertile_test"),
         suites=("tb.supertiles.clip_suite", "tb.supertiles.tile_test_suite"), test="supertile_test", counters=("tile_test",)),
     Stage(

@@ -16,6 +16,7 @@ from tb.chunks import chunk_graph_suite, chunk_test_suite, decode_suite, reader_
 from tb.common.runner import WAVES_FILE, SimulationError, Waves, parse_window
 from tb.common.wave_view import view_path
 from tb.culling import colour_suite as colour
+from tb.culling import joint_suite
 from tb.culling import projection_suite as projection
 from tb.culling import tile_test_suite as tiles
 from tb.float import suite as float_units
@@ -41,7 +42,7 @@ UNITS = {
     "float": {"float": float_units},
     "chunk_test": {"chunk_test": chunk_test_suite, "chunk_graph": chunk_graph_suite},
     "chunk_reader": {"chunk_reader": reader_suite, "geometry_decode": decode_suite},
-    "culling": {"projection": projection, "tiles": tiles, "colour": colour},
+    "culling": {"projection": projection, "projection_joint": joint_suite, "tiles": tiles, "colour": colour},
     "lists": {"lists": lists},
     "tmu": {"tmu": tmu},
     "sort": {"chunks": chunks, "hierarchical": hierarchical_suite, "handover": handover},

@@ -8,6 +8,7 @@
     values      combinational logic between operations
 
     near, projection, projection_unit   turn Gaussians into splats that may touch a tile of the frame
+    eyes        what surrounds them in machines with joint frames: Gaussians for both eyes, and their culls
     tile_test   turns splats into intersections; its parts are tile_runs (rows and runs of a splat's box), level_table (the
                 levels of the tiles), tile_columns (the ellipse test) and tile_expand (runs to intersections, the foveation
                 filter)

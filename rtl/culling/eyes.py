@@ -10,7 +10,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.culling.frame import COUNTER_BITS, count_items, setting_ports
 from rtl.shapes import layout
 from rtl.stream import Buffer
-from rtl.supertiles.grids import grid_origin
+from rtl.supertiles.eyes import origin_of
 from spec.config import AcceleratorConfig
 from spec.records import eye_point, gaussian_point, projected_splat
 
@@ -125,6 +125,6 @@ class EyeCulls(wiring.Component):
 
     def _move(self, m: Module, found: data.View, out: data.View) -> None:
         """Adds the eye's O to the columns of the box."""
-        origin: Value = grid_origin(m, self.joint, self.shift)(found.eye)
+        origin: Value = origin_of(m, self.joint, self.shift)(found.eye)
         with m.If(~found.end):
             m.d.comb += [out[name].eq(found[name] + origin) for name in ("first_x", "last_x")]

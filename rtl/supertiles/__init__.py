@@ -2,7 +2,7 @@
 
     tile_test     pairs of splats and super-tiles, and later masks of tiles; its parts are box_steps (two rows of a splat's box
                   at a time), level_table, group_walk (columns that the splat touches, sixteen at a time), pair_expand,
-                  mask_expand and event_count
+                  mask_expand and event_count; with joint frames pair_union, which makes the pairs of both eyes one
     clip          boxes of splats cut to the super-tiles of their pairs
     buckets       the list of each pair: that of its super-tile or, with depth buckets, of its part of the depth
     bucket_ports  the ports of both
@@ -15,4 +15,5 @@
     batch_buffer  places of super-tiles in, visits with their entries out
     batch_masks   the tiles of a batch's places, as words by tile
     batch_visits  the visits of a batch's tiles, and the places of their entries
+    eyes          what units of machines with joint frames have in common
 """

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from amaranth.hdl import Module, Mux, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In
@@ -26,3 +28,14 @@ def origins(m: Module, joint: Value, shift: Value) -> tuple[Signal, Signal]:
     left = shift < 0
     m.d.sync += [source.eq(Mux(joint & ~left, shift, 0)), target.eq(Mux(joint & left, -shift, 0))]
     return source, target
+
+
+def origin_of(m: Module, joint: Value, shift: Value) -> Callable[[Value], Value]:
+    """A function from an eye to its one of `origins`."""
+    source, target = origins(m, joint, shift)
+    return lambda eye: Mux(eye, target, source)
+
+
+def columns_apart(joint: Value, shift: Value) -> Value:
+    """By how many columns of tiles a frame of both eyes is wider than one of one eye; 0 where the frame is none of two."""
+    return Mux(joint, Mux(shift < 0, -shift, shift), 0)[: SHIFT_MOST.bit_length()]

@@ -9,7 +9,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.culling.frame import setting_ports
 from rtl.culling.level_table import GROUP_PLACES
 from rtl.shapes import layout
-from rtl.supertiles.grids import grid_origin
+from rtl.supertiles.eyes import origin_of
 from spec.config import AcceleratorConfig
 from spec.constants import SUPER_Y, TILE
 from spec.joint import SHIFT_MOST
@@ -95,7 +95,7 @@ class SuperLevelTable(wiring.Component):
         place, target = column, Signal()
         if self._joint:
             place = Signal(self._groups + GROUP_PLACES)
-            m.d.comb += place.eq(column + grid_origin(m, self.joint, self.shift)(target))
+            m.d.comb += place.eq(column + origin_of(m, self.joint, self.shift)(target))
         written, wanted = ((target,), (self.eye,)) if self._joint else ((), ())
         for parity in range(SUPER_Y):
             words = memory.Memory(shape=data.ArrayLayout(2, LEVEL_GROUP), depth=self._depth, init=[])

@@ -15,7 +15,7 @@ from rtl.shapes import layout, shape
 from rtl.stream import Buffer
 from rtl.supertiles.box_steps import BoxSteps, carried_step
 from rtl.supertiles.event_count import count
-from rtl.supertiles.grids import grid_apart, grid_origin
+from rtl.supertiles.eyes import columns_apart, origin_of
 from rtl.supertiles.group_walk import GroupWalk
 from rtl.supertiles.level_table import SuperLevelTable
 from rtl.supertiles.mask_expand import MaskExpand
@@ -142,7 +142,7 @@ class SuperTileTest(wiring.Component):
         """Registers the frame's size in tiles and super-tiles; it is stable long before it is used."""
         tiles_x, tiles_y, supers_x = Signal(TILE_BITS + 1), Signal(TILE_BITS + 1), Signal.like(expand.supers_x)
         places = TILE.bit_length() - 1
-        wide = tiles_x + grid_apart(self.joint, self.shift) if self.config.joint else tiles_x
+        wide = tiles_x + columns_apart(self.joint, self.shift) if self.config.joint else tiles_x
         m.d.sync += [tiles_x.eq((self.width + (TILE - 1)) >> places), tiles_y.eq((self.height + (TILE - 1)) >> places),
                      supers_x.eq((wide + (SUPER_X - 1)) >> (SUPER_X.bit_length() - 1))]
         m.d.comb += [levels.tiles_x.eq(tiles_x), levels.tiles_y.eq(tiles_y), expand.supers_x.eq(supers_x)]
@@ -183,7 +183,7 @@ class SuperTileTest(wiring.Component):
         if self.config.joint:
             m.submodules.moved = moved = Buffer(walk.steps.payload.shape())
             wiring.connect(m, moved.source, walk.steps)
-            tested, origin = moved.sink, grid_origin(m, self.joint, self.shift)(found.carried.eye)
+            tested, origin = moved.sink, origin_of(m, self.joint, self.shift)(found.carried.eye)
         m.d.comb += [
             ellipse.sink.valid.eq(steps.steps.valid),
             steps.steps.ready.eq(ellipse.sink.ready),

@@ -9,7 +9,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.chunks.chunk_reader import ChunkReader
 from rtl.shapes import layout
 from rtl.supertiles.buckets import depth_buckets
-from rtl.supertiles.grids import grid_apart
+from rtl.supertiles.eyes import columns_apart
 from rtl.supertiles.pair_writer import PairWriter
 from rtl.tile_lists.table_loader import TableLoader
 from rtl.top import splat_path
@@ -141,7 +141,7 @@ class BinPhase(wiring.Component):
         counting, settling, waits = Signal(), Signal(2), ~buckets.busy & (rows == 0)
         width: Value = self.settings.width
         if self.config.joint:  # as many columns of tiles more as the frames of both eyes are apart
-            width = width + (grid_apart(self.settings.joint, self.settings.shift) << (TILE.bit_length() - 1))
+            width = width + (columns_apart(self.settings.joint, self.settings.shift) << (TILE.bit_length() - 1))
         with m.If(self.clear):
             m.d.sync += [
                 columns.eq((width + ((1 << _COLUMN) - 1)) >> _COLUMN),

@@ -34,6 +34,7 @@ class Case:
         frames: the headers of each frame, ChunkHeader records.
         registers: the frame registers.
         rendered: (tiles,) bool, the tiles that are rendered; None: all.
+        target: the registers of the target, in joint frames.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Case:
     frames: tuple[np.ndarray, ...]
     registers: FrameRegisters
     rendered: np.ndarray | None = None
+    target: FrameRegisters | None = None
 
     @property
     def chunks(self) -> int:
@@ -48,8 +50,13 @@ class Case:
         return sum(map(len, self.frames))
 
     def judged(self, frame: int) -> ChunkTest:
-        """The golden results of a frame."""
+        """The golden results of a frame, in joint frames for the source."""
         return judged_chunks(self.config, self.frames[frame], self.registers, self.rendered)
+
+    def read(self, frame: int) -> np.ndarray:
+        """(C,) bool: whether each chunk of a frame is read, which in joint frames either eye decides."""
+        read = self.judged(frame).read
+        return read if self.target is None else read | judged_chunks(self.config, self.frames[frame], self.target).read
 
     @property
     def items(self) -> np.ndarray:
@@ -60,12 +67,12 @@ class Case:
     def tested(self) -> np.ndarray:
         """The items that must leave the unit."""
         return np.concatenate([
-            header_items(self.config, headers, self.judged(i).read) for i, headers in enumerate(self.frames)])
+            header_items(self.config, headers, self.read(i)) for i, headers in enumerate(self.frames)])
 
     @property
     def observed(self) -> dict[str, int]:
         """The counters after the last frame."""
-        read = self.judged(-1).read
+        read = self.read(-1)
         return {"chunks_read": int(read.sum()), "chunks_skipped": int((~read).sum())}
 
     @property
@@ -73,13 +80,16 @@ class Case:
         """Bit patterns of the unit's settings."""
         fields = {f.name: f for f in frame_settings(self.config).fields}
         found = {}
-        for name in SETTINGS:
-            f, value = fields[name], np.ravel(getattr(self.registers, name))
+        position = {} if not self.config.joint else {"target_position": (self.target or self.registers).position}
+        for name in (*SETTINGS, *position):
+            f, value = fields[name], np.ravel(position[name] if name in position else getattr(self.registers, name))
             raw = f.format.quantise(value).tolist() if isinstance(f.format, SmallFloat) else value.tolist()
             found[name] = Record(name, "", (f,)).pack({name: raw})
-        octagons = octagon_patterns(self.config, self.registers, self.rendered)
-        width = octagon_layout(self.config).size
-        return found | {"bounds": sum(bits << i * width for i, bits in enumerate(octagons))}
+        found |= {"bounds": bounds_pattern(self.config, self.registers, self.rendered)}
+        if self.config.joint:
+            joint = self.target is not None
+            found |= {"joint": int(joint), "target_bounds": bounds_pattern(self.config, self.target, None) if joint else 0}
+        return found
 
 
 def header_items(config: AcceleratorConfig, headers: np.ndarray, kept: np.ndarray | None = None) -> np.ndarray:
@@ -101,6 +111,12 @@ def octagon_patterns(config: AcceleratorConfig, registers: FrameRegisters, rende
         "present": int(bounds.present[b]),
         **{end: dict(zip(SIDES, getattr(bounds, end)[b].tolist(), strict=True)) for end in ("least", "most")}}).as_bits()
         for b in range(MAX_LEVELS)]
+
+
+def bounds_pattern(config: AcceleratorConfig, registers: FrameRegisters, rendered: np.ndarray | None) -> int:
+    """The bit pattern of all octagons."""
+    width = octagon_layout(config).size
+    return sum(bits << i * width for i, bits in enumerate(octagon_patterns(config, registers, rendered)))
 
 
 def cloud(rng: np.random.Generator, count: int) -> GaussianModel:
@@ -208,6 +224,16 @@ def case_of(
     tiles = len(registers.header)
     rendered = [None, rng.random(tiles) < 0.1, np.zeros(tiles, bool), np.arange(tiles) == rng.integers(tiles)][rng.integers(4)]
     return Case(kind, config, (KINDS[kind](config, rng, registers, count),), registers, rendered)
+
+
+def for_two_eyes(config: AcceleratorConfig, rng: np.random.Generator, case: Case, distance: float) -> Case:
+    """The case as a joint one, in which the target looks from another position, at another gaze."""
+    gaze = tuple(float(rng.random()) * size for size in (case.registers.width, case.registers.height))
+    levels = foveation_map(Display(case.registers.width, case.registers.height, 100.0), gaze, MAX_LEVELS)
+    moved = config.formats.view.round(case.registers.position + distance * rng.normal(size=3))
+    level, blend = levels.tile_level.reshape(-1).astype(np.int64), levels.blend.reshape(-1).astype(np.int64)
+    header = np.stack([level, blend, (level > 0).astype(np.int64)], 1)
+    return replace(case, rendered=None, target=replace(case.registers, position=moved, header=header))
 
 
 def mixed_case(config: AcceleratorConfig, rng: np.random.Generator, name: str, counts: list[int]) -> Case:

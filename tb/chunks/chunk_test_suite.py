@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -9,10 +10,19 @@ import numpy as np
 from rtl.chunks.level_bounds import octagon_layout
 from rtl.culling.frame import COUNTER_BITS
 from spec.chunks import TEST_INTERVAL, TESTED_CHUNKS, header_item
-from spec.config import TINY_V3, V3_RECORDS, AcceleratorConfig
+from spec.config import TINY_EYES, TINY_V3, V3_RECORDS, AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from spec.memory import frame_settings
-from tb.chunks.chunk_test_stimuli import KINDS, SETTINGS, Case, case_of, mixed_case, model_case, uniform_case
+from tb.chunks.chunk_test_stimuli import (
+    KINDS,
+    SETTINGS,
+    Case,
+    case_of,
+    for_two_eyes,
+    mixed_case,
+    model_case,
+    uniform_case,
+)
 from tb.common import exact
 from tb.common.emission import emitted
 from tb.common.exact import Outcome, Planned, every_pattern, planned
@@ -21,10 +31,11 @@ from tb.common.playback import Playback, Stream
 NARROW = V3_RECORDS.with_(name="records_narrow", records="wide", row_width=256, support_sigma=None, stereo=True)
 """A machine with narrower frames and a wider margin."""
 
-VARIANTS: dict[str, AcceleratorConfig] = {"v3_records": V3_RECORDS, "records_narrow": NARROW, "tiny_v3": TINY_V3}
+VARIANTS: dict[str, AcceleratorConfig] = {"v3_records": V3_RECORDS, "records_narrow": NARROW, "tiny_v3": TINY_V3,
+                                       "tiny_eyes": TINY_EYES}
 """Configurations that can be tested."""
 
-DISTINCT = ("v3_records", "records_narrow", "tiny_v3")
+DISTINCT = ("v3_records", "records_narrow", "tiny_v3", "tiny_eyes")
 """Configurations with different units."""
 
 PORTS = ("headers", "tested")
@@ -44,7 +55,9 @@ def playback(config: AcceleratorConfig) -> Playback:
     return Playback(
         name=f"chunk-test-{config.name}", module="chunk_test", verilog=emitted("chunk_test", config),
         inputs=(Stream("headers", header_item(config)),), outputs=(Stream("tested", header_item(config)),),
-        settings=(*((name, widths[name]) for name in SETTINGS), ("bounds", octagon_layout(config).size * MAX_LEVELS)),
+        settings=(*((name, widths[name]) for name in (*SETTINGS, *(("target_position", "joint") if config.joint else ()))),
+                  *((name, octagon_layout(config).size * MAX_LEVELS)
+                    for name in ("bounds", *(["target_bounds"] if config.joint else [])))),
         observed=tuple((name, COUNTER_BITS) for name in COUNTERS))
 
 
@@ -55,8 +68,8 @@ def plan_of(case: Case, name: str | None = None, **options: object) -> Planned:
 
 
 def most_cycles(case: Case) -> int:
-    """Cycles of a case at full rate: an interval per header, and the latency of the unit."""
-    return TEST_INTERVAL * (case.chunks + len(case.frames)) + _SETTLING
+    """Cycles of a case at full rate: an interval per header, in joint frames two, and the latency of the unit."""
+    return TEST_INTERVAL * (case.chunks * (1 + (case.target is not None)) + len(case.frames)) + _SETTLING
 
 
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
@@ -75,6 +88,21 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     for k in range(3):
         case = mixed_case(config, rng, f"back to back {k}", [70, 3, 150])
         plan.append(plan_of(case, reset=False, quiet=0, most_cycles=most_cycles(case)))
+    return plan + (joint_plan(config, seed) if config.joint else [])
+
+
+def joint_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Joint frames with every kind of header and with every distance of the eyes, and patterns of pauses."""
+    rng = np.random.default_rng(seed)
+    plan = []
+    for kind in KINDS:
+        for distance in (0.0, 0.1, 1.0, 30.0):
+            case = for_two_eyes(config, rng, case_of(config, rng, kind, 200), distance)
+            plan.append(plan_of(case, f"joint, {kind}, {distance} apart", most_cycles=most_cycles(case)))
+    streams = for_two_eyes(config, rng, mixed_case(config, rng, "streams", [40, 0, 1, 130, 0, 0, 60]), 2.0)
+    for name, patterns in every_pattern(PORTS, seed).items():
+        plan.append(plan_of(streams, f"joint, {name}", patterns=patterns, reset=False))
+    plan.append(plan_of(replace(streams, target=None), "one eye after two", reset=False))
     return plan
 
 

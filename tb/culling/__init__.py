@@ -3,6 +3,7 @@ projection.
 
     *_stimuli       inputs made by hand, at random and from rendered frames, with the golden renderer's results
     *_suite         the test plans, and the required speeds
+    joint_*         the projection unit in joint frames of two eyes
     colour_device   the colour unit with a memory that delays its answers
 """
 

@@ -1,6 +1,6 @@
 """Tests of the units in `rtl.supertiles`, and of the array that takes visits.
 
-    tile_test_*     the tile test in both phases of a frame
+    tile_test_*     the tile test in both phases of a frame; joint_tiles has its stimuli of two eyes
     clip_*          boxes cut to super-tiles
     colour_*        the colour unit
     buckets_*       depth buckets over several frames

@@ -217,13 +217,21 @@ def numbered(case: Case) -> Case:
     for splats, levels in case.frames:
         splats = splats.copy()
         splats["index"] = np.arange(len(splats))
+        _one_eye(splats)
         frames.append((splats, levels))
     return replace(case, frames=tuple(frames))
+
+
+def _one_eye(splats: np.ndarray) -> None:
+    """Makes splats of frames of one eye, also in a machine with joint frames."""
+    for name in {"eye", "none"} & {*splats.dtype.names}:
+        splats[name] = 0
 
 
 def wide_case(config: AcceleratorConfig, rng: np.random.Generator, splats: np.ndarray, name: str) -> SuperCase:
     """Boxes of a row or two of the widest frame, all at one level and with all tiles touched: more pairs than groups."""
     splats, width, tiles = splats.copy(), config.row_width, -(-config.row_width // TILE)
+    _one_eye(splats)
     splats["bound"], splats["first_x"], splats["last_x"] = MAX_LEVELS - 1, 0, tiles - 1
     splats["first_y"] = rng.integers(0, 4, len(splats))
     splats["last_y"] = np.minimum(splats["first_y"] + rng.integers(0, 2, len(splats)), 3)

@@ -9,6 +9,7 @@ from perf.constants import culling
 from spec.chunks import chunk_header
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS, SUPER_TILES, SUPER_X, SUPER_Y, TILE
+from spec.joint import EYES, SHIFT_MOST
 from spec.memory import (
     BEAT_BITS,
     BEAT_BYTES,
@@ -40,7 +41,7 @@ from spec.records import (
     projected_splat,
     surviving_splat,
 )
-from spec.supertiles import BUCKETS, CHUNK_BITS, HEADER_WAYS, supertile_index
+from spec.supertiles import BUCKETS, CHUNK_BITS, HEADER_WAYS, batch_tiles, supertile_index
 from synth.machine import BLENDING, COLOUR, CULLING, LISTS
 
 _SEARCH_BANKS = (BUCKETS - 1).bit_length()
@@ -68,14 +69,19 @@ def _tile_test(config: AcceleratorConfig) -> Iterator[Store]:
     for width in (26, 42):  # the datapaths of both rows of tiles
         yield Store("supertile_test", f"ellipse {width}", CULLING, paths.ellipse.rows, width)
     codes = 2 if config.levels > 1 else 0
-    groups = 1 << (-(-rows // LEVEL_GROUP) - 1).bit_length() if rows > LEVEL_GROUP else 1
+    wide = rows + SHIFT_MOST * config.joint
+    groups = 1 << (-(-wide // LEVEL_GROUP) - 1).bit_length() if wide > LEVEL_GROUP else 1
     if codes:
-        yield Store("supertile_test", "levels", CULLING, -(-rows // SUPER_Y) * groups, LEVEL_GROUP * codes, SUPER_Y)
+        eyes = EYES if config.joint else 1
+        yield Store("supertile_test", "levels", CULLING, eyes * -(-rows // SUPER_Y) * groups, LEVEL_GROUP * codes, SUPER_Y)
     key = next(f.format.width for f in projected_splat(config).fields if f.name == "depth_key")
     kept = surviving_splat(config).width - 1 - MAX_LEVELS - SUPER_TILES * config.streams + key
-    yield Store("supertile_test", "queue", CULLING, paths.ellipse.rows + TILE_TEST_BESIDE - 1, kept)
-    columns, axis = -(-config.row_width // (TILE * SUPER_X)), max((rows - 1).bit_length(), LEVEL_GROUP.bit_length())
-    line = 2 * columns + axis - (SUPER_Y - 1).bit_length() + INDEX_BITS + key + 1
+    yield Store("supertile_test", "queue", CULLING, paths.ellipse.rows + TILE_TEST_BESIDE - 1 + config.joint, kept)
+    columns = -(-config.row_width // (TILE * SUPER_X)) + config.joint
+    axis = max((wide - 1).bit_length(), LEVEL_GROUP.bit_length())
+    line = 2 * columns + axis - (SUPER_Y - 1).bit_length() + INDEX_BITS + key + 1 + config.joint
+    if config.joint:
+        yield Store("supertile_test", "pairs of the source", CULLING, frame_supertiles(config), INDEX_BITS + 1)
     yield Store("supertile_test", "lines", CULLING, LINES_AHEAD - 1, line)
     if paths.colour.rows:
         for width in (152, 98):
@@ -120,8 +126,8 @@ def _batches(config: AcceleratorConfig) -> Iterator[Store]:
     banks, streams = config.batch_banks, config.streams
     yield Store("batch_buffer", "records", BLENDING, 2 * places // banks, splat_record(config).width, banks)
     mask = min(_MASK_PLACES, places)
-    yield Store("batch_buffer", "masks", BLENDING, 2 * SUPER_TILES * places // mask, mask, streams)
-    rows, lanes = SUPER_TILES * config.region**2 // config.array_x, config.array_x * config.level_banks
+    yield Store("batch_buffer", "masks", BLENDING, 2 * batch_tiles(config) * places // mask, mask, streams)
+    rows, lanes = batch_tiles(config) * config.region**2 // config.array_x, config.array_x * config.level_banks
     sums = 3 * n.accumulator.width + (n.depth_accumulator.width if config.depth else 0)
     yield Store("pixel_state", "transmittances", BLENDING, rows, lanes * n.transmittance.width, streams)
     yield Store("pixel_state", "sums", BLENDING, rows, lanes * sums, streams)

@@ -11,7 +11,7 @@ from amaranth.sim import Simulator
 from golden.msv2_ref.chunk_test import level_bounds
 from rtl.chunks.chunk_test import ChunkTest
 from rtl.chunks.level_bounds import SIDES, LevelBounds
-from spec.config import PAPER, TINY, TINY_V3, V3_RECORDS
+from spec.config import PAPER, TINY, TINY_EYES, TINY_V3, V3_RECORDS
 from tb.chunks import chunk_graph_suite, chunk_test_suite
 from tb.common.exact import problems
 from tests.helpers.rtl_streams import assert_rejected
@@ -54,6 +54,12 @@ def test_every_reason_and_every_box_is_the_golden_one(tmp_path):
         assert 50 < rows[name].sum() < len(rows) - 50, name
 
 
+def test_joint_frames_read_what_either_eye_asks_for(tmp_path):
+    plan = [*chunk_test_suite.unit_plan(TINY_EYES, 4)[::3], *chunk_test_suite.joint_plan(TINY_EYES, 4)]
+    outcome = chunk_test_suite.run_plan(TINY_EYES, plan, tmp_path)
+    assert outcome.failures == {} and outcome.items > 2000
+
+
 @pytest.mark.long
 def test_chunks_keep_their_numbers_with_super_tiles(tmp_path):
     plan = chunk_test_suite.full_plan(TINY_V3, 3)
@@ -87,6 +93,12 @@ def watched(config, passes):
             ctx.set(dut.clear, 0)
             for level, use, pause in zip(levels, rendered, pauses, strict=True):
                 mask = {"rendered": int(use)} if config.stereo else {}
+                if config.joint:  # tiles of the other eye are among them
+                    ctx.set(dut.other, 1)
+                    ctx.set(dut.item, {"tile": 0, "level": 3 - int(level), "blend": 0})
+                    ctx.set(dut.taken, 1)
+                    await ctx.tick().repeat(1 + int(level))
+                    ctx.set(dut.other, 0)
                 ctx.set(dut.item, {"tile": 0, "level": int(level), "blend": 0} | mask)
                 ctx.set(dut.taken, 0)
                 await ctx.tick().repeat(pause + 1) if pause else None
@@ -104,7 +116,7 @@ def watched(config, passes):
     return found
 
 
-@pytest.mark.parametrize("config", [TINY, PAPER.with_(stereo=True)], ids=lambda c: c.name)
+@pytest.mark.parametrize("config", [TINY, PAPER.with_(stereo=True), TINY_EYES], ids=lambda c: c.name)
 def test_octagons_are_the_golden_ones(config):
     rng, passes = np.random.default_rng(7), []
     for columns, rows in ((1, 1), (5, 3), (32, 2), (3, 20), (7, 7), (4, 4)):

@@ -11,7 +11,7 @@ from rtl.tile_lists.geometry_reader import GeometryReader
 from rtl.tile_lists.header_maker import HeaderMaker, waiting_tiles
 from rtl.tile_lists.table_loader import TableLoader
 from rtl.tile_lists.tile_settings import TileSettings
-from spec.config import TINY
+from spec.config import TINY, TINY_EYES
 from spec.memory import BEAT_BITS, tile_setting
 from spec.records import gaussian_geometry, tile_group, tile_header, tile_level, tile_use
 from tests.helpers.rtl_ports import beats_of, cycles_of, play, words_of
@@ -92,6 +92,30 @@ def test_the_table_is_loaded_once_a_start(tiles, bad):
     assert [cycle for cycle, (_, done, _) in enumerate(seen) if done] == [
         moves["levels"][tiles - 1][0] + 1, moves["levels"][-1][0] + 1]
     assert seen[59][2] == bool(bad) and not seen[-1][2] and not seen[-1][0] and seen[3][0]
+
+
+@pytest.mark.parametrize(("tiles", "joint"), [(1, 1), (4, 1), (5, 1), (16, 1), (5, 0)])
+def test_the_targets_table_follows_the_sources_in_joint_frames(tiles, joint):
+    """Two frames: the first item of the target's comes after the last of the source's, and `done` after the last of all."""
+    config = TINY_EYES.with_(row_width=64)
+    rng, record, setting = random.Random(tiles), tile_level(config), tile_setting(config)
+    tables = [[{"plane": [0] * 3, "level": rng.randrange(4), "blend": rng.randrange(2)} for _ in range(tiles)]
+              for _ in range(1 + joint)]
+    dut, done = TableLoader(config), []
+
+    def each(ctx, cycle):
+        ctx.set(dut.start, cycle in (2, 150))
+        if ctx.get(dut.done):
+            done.append(cycle)
+
+    data = [beat for table in tables for beat in beats_of([setting.pack(row) for row in table], 4)]
+    moves = play(dut, {"data": data * 2}, {"reads": 0.1, "levels": 0.2}, 300, each=each, seed=tiles,
+                 setup={"tiles_base": 77, "target_tiles_base": 900, "joint": joint, "tile_count": tiles})
+    expected = [record.pack({"tile": t, "level": row["level"], "blend": row["blend"], "eye": eye})
+                for eye, table in enumerate(tables) for t, row in enumerate(table)]
+    assert words_of(moves, "levels") == expected * 2
+    assert words_of(moves, "reads") == [base + i for base in (77, 900)[: 1 + joint] for i in range(-(-tiles // 4))] * 2
+    assert done == [moves["levels"][len(expected) - 1][0] + 1, moves["levels"][-1][0] + 1]
 
 
 @pytest.mark.parametrize("points", [0, 1, 40])

@@ -103,6 +103,33 @@ def test_frames_of_super_tiles_in_short(variant, tmp_path):
     assert {registers["cycles_render"] > 0 for registers in ended} == {False, True}
 
 
+JOINT_IN_SHORT = (
+    "gaze in the middle", "right eye first, usual", "shift -8", "shift 5, far", "clusters", "shared colours, usual",
+    "own colours, slow", "alone, usual", "around both", "bounding boxes, pauses", "no Gaussians, usual", "one pixel",
+    "odd size")
+"""Of the plan's joint frames, a few, with the frames of one eye that follow some of them."""
+
+JOINT_BROKEN = (
+    "reset after 250", "abort after 250", "target_tiles fails", "supertiles fails", "geometry fails", "target_frame fails",
+    "shift = 9", "shift = -9", "second pages")
+"""Of those that end early, some of each kind."""
+
+
+@pytest.mark.parametrize("variant", ["tiny_eyes", pytest.param("tiny_eyes_streams", marks=pytest.mark.long)])
+def test_joint_frames_in_short(variant, tmp_path):
+    config = VARIANTS[variant]
+    plan = [item for item in good_plan(config, 0) if any(words in item.name for words in JOINT_IN_SHORT)]
+    plan += [item for item in broken_plan(config, 0) if any(words in item.name for words in JOINT_BROKEN)]
+    assert {item.error for item in plan} >= {
+        ErrorCode.NONE, ErrorCode.ABORTED, ErrorCode.READ_ERROR, ErrorCode.WRITE_ERROR, ErrorCode.BAD_SETTING,
+        ErrorCode.ENTRIES_FULL}
+    both = [item.joint for item in plan if item.joint is not None and item.error is ErrorCode.NONE]
+    assert {eye.pairs for frame in both for eye in frame.eyes} == {None} and any(frame.registers.shift < 0 for frame in both)
+    assert any(frame.registers.shared_colour for frame in both) and any(item.joint is None for item in plan)
+    outcome = run_plan(config, plan, tmp_path)
+    assert outcome.failures == {} and outcome.runs == len(plan) > 40
+
+
 @pytest.mark.long
 def test_frames_with_the_bounds_of_the_frame_before(tmp_path):
     config = VARIANTS["tiny_v3"]

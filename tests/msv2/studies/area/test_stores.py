@@ -14,7 +14,20 @@ from rtl.units import UNITS
 from rtl.vrc_array.batch_collect import BatchCollect
 from rtl.vrc_array.collect import Collect
 from rtl.vrc_array.pixel_state import PixelState
-from spec.config import DEFAULT, FAST, PAPER, PAPER_SMALL, TINY, TINY_STREAMS, TINY_V3, V3, V3_STREAMS, AcceleratorConfig
+from spec.config import (
+    DEFAULT,
+    FAST,
+    PAPER,
+    PAPER_SMALL,
+    TINY,
+    TINY_EYES,
+    TINY_STREAMS,
+    TINY_V3,
+    V3,
+    V3_EYES,
+    V3_STREAMS,
+    AcceleratorConfig,
+)
 from spec.constants import FLIP_FLOP_BITS
 from spec.queues import OUTPUT_DRAINS
 from synth.design import elaborate
@@ -70,15 +83,16 @@ def test_memories_are_the_rtls(unit, machine):
 
 
 @pytest.mark.parametrize("config", [
-    pytest.param(config, marks=() if config is TINY_V3 else pytest.mark.long, id=config.name)
-    for config in (TINY_V3, V3, DEFAULT, FAST)])
+    pytest.param(config, marks=() if config in (TINY_V3, TINY_EYES) else pytest.mark.long, id=config.name)
+    for config in (TINY_V3, V3, DEFAULT, FAST, TINY_EYES, V3_EYES)])
 @pytest.mark.parametrize("unit", SUPERTILE_UNITS)
 def test_memories_of_machines_with_super_tiles_are_the_rtls(unit, config):
     assert of_table(config, SUPERTILE_UNITS[unit]) == of_rtl(UNITS[unit].make(config))
 
 
-def test_the_pixel_states_memories_are_the_rtls():
-    assert of_table(TINY_V3, "pixel_state") == of_rtl(PixelState(TINY_V3))
+@pytest.mark.parametrize("config", [TINY_V3, TINY_EYES], ids=lambda config: config.name)
+def test_the_pixel_states_memories_are_the_rtls(config):
+    assert of_table(config, "pixel_state") == of_rtl(PixelState(config))
 
 
 @pytest.mark.parametrize("config", [TINY_STREAMS, pytest.param(V3_STREAMS, marks=pytest.mark.long)],
@@ -92,7 +106,7 @@ def test_memories_of_several_streams_are_the_rtls(config):
         assert of_table(config, unit) == wanted, unit
 
 
-@pytest.mark.parametrize("config", [TINY_V3, V3], ids=lambda config: config.name)
+@pytest.mark.parametrize("config", [TINY_V3, V3, V3_EYES], ids=lambda config: config.name)
 def test_the_queue_of_lines_is_the_rtls(config):
     lines, = (store for store in stores(config) if store.name == "lines" and store.unit == "supertile_test")
     assert Counter({(lines.words, lines.width): 1}) == of_rtl(PairExpand(config))
