@@ -104,7 +104,7 @@ def _streams(content: Mapping[str, Any]) -> str:
         return ""
     name, eyes = STREAMS_PACKED.name, ""
     if step["two_eyes_gain"] is not None:
-        eyes = (" Both eyes in joint frames (reports/two_eyes.md: cycle model only, not packed) take "
+        eyes = (" Both eyes in joint frames (reports/two_eyes.md: not packed) take "
                 f"{step['two_eyes_gain']:.2f} times fewer LPDDR3 cycles than two frames of `{PAPER.name}`, "
                 f"{step['two_eyes_gain_ideal']:.2f} with the ideal memory; the second eye costs "
                 f"{step['second_eye_share']:.2f} and {step['second_eye_share_ideal']:.2f} of the first.")
