@@ -97,7 +97,8 @@ def steps(
         rows: the frames.
         photographs: the rows of losses against photographs.
         overflow: the rows of turns.
-        eyes: the summary of reports/two_eyes.json. Its joint frames on four arrays, which are not packed, stand beside the step `streams`.
+        eyes: the summary of reports/two_eyes.json. Its joint frames on four arrays, which are not packed, stand beside the step
+            `streams`.
         machines: the steps of reports/performance.json. How many times as fast as a GSCore-like machine of equal area the
             machine with four arrays is on the frames of that report stands there, too.
     """
