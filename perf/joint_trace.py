@@ -1,12 +1,9 @@
 """The trace of a joint frame of two eyes (`spec.joint`) for `perf.supertiles`.
 
-The machine that is modelled reads a Gaussian once, and takes it through the near test and projection for one eye after the
-other. The tile test takes both eyes' projections together: SUPER_Y rows of both boxes, from the first row of either on, for the
-source and then for the target, and the pairs of both leave with the later of the two steps. There is no RTL of it yet, so this
-model, unlike that of frames of one eye, is compared with none.
-
-How the classes of Gaussians say so: where a Gaussian touches both frames, the first of its two classes is OUTSIDE, and the
-second is VISIBLE, with the steps of both eyes. Where it touches one frame, the class for this eye is VISIBLE.
+The machine projects and tests every Gaussian for one eye after the other (rtl.culling.eyes): a Gaussian has a class for each
+eye, and a splat for each eye whose frame it touches, with steps of its own. What is culled in an eye passes projection all the
+same, so its class is OUTSIDE, also before the near plane. The pairs of both eyes leave the tile test, and those of the target
+that the source has, too, are dropped behind it.
 """
 
 from __future__ import annotations
@@ -19,7 +16,6 @@ from golden.msv2_ref.joint import JointFrame
 from golden.msv2_ref.ranges import range_of
 from perf import geometry
 from perf.stops import stop_entries
-from perf.supertiles_gather import EMPTY, MISSES, SURVIVES
 from perf.supertiles_trace import SuperTrace, chunk_turns, step_arrays, touched_intersections
 from spec.chunks import PLACE_BITS
 from spec.constants import MAX_LEVELS, SUPER_X, SUPER_Y
@@ -35,11 +31,12 @@ def joint_trace(frame: JointFrame, record: dict[str, object] | None = None, seco
     read = count > 0
     read[read] = source.projected.reason[chunks["first"][read]] != projection.UNREAD
     turn = chunk_turns(count)
-    order, arrival = np.argsort(turn), np.lexsort((pairs.supertile, turn[pairs.splat]))
+    order, arrival = np.argsort(turn), np.lexsort((pairs.supertile, pairs.mask[:, 0] == 0, turn[pairs.splat]))
+    *steps, drops = _steps(frame, turn)
     places = (pairs.levels[:, :, None] >> np.arange(MAX_LEVELS) & 1).sum(axis=2).astype(np.uint8)
     return SuperTrace(
         source.registers.width, source.registers.height, len(source.words.geometry), source.words.sh_degree,
-        _classes(frame, order), count, read, *_steps(frame, order), arrival.astype(np.int32), pairs.start,
+        _classes(frame, order), count, read, *steps, arrival.astype(np.int32), pairs.start,
         pairs.depth_key.astype(np.int64), pairs.splat.astype(np.int32), (pairs.index >> PLACE_BITS).astype(np.int32),
         places.sum(axis=1, dtype=np.uint8), np.concatenate([np.diff(eye.entries.start) for eye in eyes]).astype(np.int32),
         np.concatenate([eye.registers.header[:, 1] != 0 for eye in eyes]), np.concatenate(pairs.intersection).astype(np.int32),
@@ -47,7 +44,7 @@ def joint_trace(frame: JointFrame, record: dict[str, object] | None = None, seco
         np.concatenate([np.ones(len(eye.entries.use), np.uint8) if eye.regions is None else eye.regions for eye in eyes]),
         np.stack([np.concatenate([stop_entries(eye, stream) for eye in eyes]) for stream in range(frame.config.streams)]),
         np.empty(0, np.uint8), len(np.unique(pairs.splat)), sum(int(eye.entries.filtered) for eye in eyes), dict(record or {}),
-        seconds + work_clock() - begin, eyes=EYES, shift=frame.registers.shift, places_by_eye=places, kinds=_kinds(frame))
+        seconds + work_clock() - begin, eyes=EYES, shift=frame.registers.shift, places_by_eye=places, pair_drops=drops)
 
 
 def _visible(frame: JointFrame) -> np.ndarray:
@@ -57,49 +54,35 @@ def _visible(frame: JointFrame) -> np.ndarray:
 
 def _classes(frame: JointFrame, order: np.ndarray) -> np.ndarray:
     """`point_class`: the Gaussians that are read, in order, for source and target in turn, and the frame's end."""
-    visible, source = _visible(frame), frame.source.projected.reason
-    classes = np.where(visible, geometry.VISIBLE, geometry.OUTSIDE).astype(np.uint8)
-    classes[visible.all(axis=1), 0] = geometry.OUTSIDE
-    classes[(source == projection.NEAR) | (source == projection.FAINT)] = geometry.NEAR_CULLED
-    classes[frame.target.projected.reason == projection.NEAR, 1] = geometry.NEAR_CULLED
-    read = order[source[order] != projection.UNREAD]
-    return np.append(classes[read].reshape(-1), [geometry.OUTSIDE, geometry.VISIBLE]).astype(np.uint8)
+    classes = np.where(_visible(frame), geometry.VISIBLE, geometry.OUTSIDE).astype(np.uint8)
+    read = order[frame.source.projected.reason[order] != projection.UNREAD]
+    return np.append(classes[read].reshape(-1), geometry.VISIBLE).astype(np.uint8)
 
 
-def _steps(frame: JointFrame, order: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """`splat_steps`, `step_groups`, `step_pairs` and `step_closes`, followed by the end of the frame; the steps of a splat are
-    those of its rows from the first on, of each eye that it touches in turn."""
-    pairs, tiles_x, visible = frame.pairs, frame.source.registers.tiles_x, _visible(frame)
-    box = np.stack([eye.projected.box[:, 2:].astype(np.int64) for eye in frame.eyes], 1)
-    first = np.where(visible, box[..., 0], 1 << 20).min(axis=1)
-    last = np.where(visible, box[..., 1], -1).max(axis=1)
-    rank, each = np.cumsum(visible, axis=1) - 1, visible.sum(axis=1)
-    splats = order[each[order] > 0]
-    steps = ((last[splats] - first[splats]) // SUPER_Y + 1) * each[splats]
-    begin, total = np.full(len(order), -1, np.int64), int(steps.sum())
-    begin[splats] = np.cumsum(steps) - steps
-    row = np.minimum(pairs.supertile // frame.grids[0].columns * SUPER_Y + SUPER_Y - 1, last[pairs.splat])
-    at = begin[pairs.splat] + ((row - first[pairs.splat]) // SUPER_Y + 1) * each[pairs.splat] - 1
-    step_pairs = np.bincount(at, minlength=total).astype(np.uint8)
-    low, high = np.full(total, tiles_x), np.full(total, -1)
-    for eye, drawn in enumerate(frame.eyes):
+def _steps(frame: JointFrame, turn: np.ndarray) -> tuple[np.ndarray, ...]:
+    """`splat_steps`, `step_groups`, `step_pairs` and `step_closes`, followed by the end of the frame, and `pair_drops`. Splats
+    are those of each Gaussian for each eye that it touches, in turn."""
+    pairs, columns, order = frame.pairs, frame.grids[0].columns, np.argsort(turn)
+    eye, splats = np.nonzero(_visible(frame)[order].T)  # by eye; then by Gaussian
+    splats = order[splats]
+    by_turn = np.lexsort((eye, turn[splats]))
+    box = np.stack([drawn.projected.box[:, 2:].astype(np.int64) for drawn in frame.eyes])
+    first, last = box[eye, splats].T
+    steps = ((last - first) // SUPER_Y + 1)[by_turn]
+    begin, total = np.full(_visible(frame).T.shape, -1, np.int64), int(steps.sum())
+    begin[eye[by_turn], splats[by_turn]] = np.cumsum(steps) - steps
+    pair, of = np.nonzero(pairs.mask)
+    splat, supertile = pairs.splat[pair], pairs.supertile[pair]
+    row = np.minimum(supertile // columns * SUPER_Y + SUPER_Y - 1, box[of, splat, 1])
+    at = begin[of, splat] + (row - box[of, splat, 0]) // SUPER_Y
+    drops = (of > 0) & (pairs.mask[pair, 0] != 0)
+    low, high = np.full(total, columns * SUPER_X), np.full(total, -1)
+    for number, (drawn, origin) in enumerate(zip(frame.eyes, grid_origins(frame.registers.shift), strict=True)):
         touched = touched_intersections(drawn)
-        row, column = np.divmod(range_of(touched.start), tiles_x)
-        splat = touched.splat
-        step = begin[splat] + (row - first[splat]) // SUPER_Y * each[splat] + rank[splat, eye]
-        np.minimum.at(low, step, column // LEVEL_GROUP)
-        np.maximum.at(high, step, column // LEVEL_GROUP)
-    return step_arrays(steps, high - low + 1, step_pairs)
-
-
-def _kinds(frame: JointFrame) -> np.ndarray:
-    """(pairs, EYES) uint8: the kinds of `perf.supertiles_gather`."""
-    pairs, columns, visible = frame.pairs, frame.grids[0].columns, _visible(frame)
-    row, column = np.divmod(pairs.supertile, columns)
-    kinds = np.full(pairs.mask.shape, MISSES, np.uint8)
-    for eye, (drawn, origin) in enumerate(zip(frame.eyes, grid_origins(frame.registers.shift), strict=True)):
-        box, left, top = drawn.projected.box[pairs.splat].astype(np.int64), SUPER_X * column - origin, SUPER_Y * row
-        meets = (box[:, 0] < left + SUPER_X) & (box[:, 1] >= left) & (box[:, 2] < top + SUPER_Y) & (box[:, 3] >= top)
-        kinds[visible[pairs.splat, eye] & meets, eye] = EMPTY
-    kinds[pairs.mask != 0] = SURVIVES
-    return kinds
+        y, x = np.divmod(range_of(touched.start), drawn.registers.tiles_x)
+        step = begin[number, touched.splat] + (y - box[number, touched.splat, 0]) // SUPER_Y
+        np.minimum.at(low, step, (x + origin) // LEVEL_GROUP)
+        np.maximum.at(high, step, (x + origin) // LEVEL_GROUP)
+    step_pairs = np.bincount(at, minlength=total).astype(np.uint8)
+    given = drops[np.lexsort((supertile, at))].astype(np.uint8)
+    return *step_arrays(steps, high - low + 1, step_pairs), np.append(given, 0).astype(np.uint8)

@@ -21,7 +21,7 @@ layout.words("""
     record_requests records_sent joined join_second beats_held points_in points_out""")
 layout.words("""
     supers_owed supers_asked supers_part supers_whole supers_taken super_beats clip_left clipped walked kept kept_room survivors
-    colour_steps sum_left sums_in sums_out place_left place_pair two_eyes point_eye pairs_clipped pairs_tested pairs_freed""")
+    colour_steps sum_left sums_in sums_out place_left place_pair two_eyes eye_points colour_held colour_item pairs_freed""")
 layout.ring("located_times", _PENDING)
 layout.ring("awaited_times", _PENDING)
 layout.ring("header_address", 8)
@@ -29,10 +29,6 @@ layout.ring("record_address", 8)
 _POINTS = 16
 layout.ring("point_times", _POINTS)
 layout.ring("sum_times", 4)
-
-MISSES, EMPTY, SURVIVES = range(3)
-"""Kinds of a pair in an eye: the splat's box lies outside the super-tile, so that the clip drops it; the tile test finds no
-tile; or it finds one. In frames of one eye all survive."""
 
 SUPERTILE_BEATS = SUPER_TILES * TILE_SETTING_BYTES // BEAT_BYTES
 
@@ -136,16 +132,12 @@ def step_supertiles(s, t, granted, pair_counts):
 
 
 @step
-def step_project(s, t, kinds, tested):
-    """Steps projection, clip and tile test, in which a pair is one step for each eye. `kinds` are those of pairs and eyes in
-    turn, `tested` of them those that the clip does not drop."""
-    if s.path_full[ELLIPSE]:
-        survives = tested[s.pairs_tested] == SURVIVES
-        if s.survivors < 2 or survives == 0:
-            s.path_full[ELLIPSE] = 0
-            s.survivors += survives
-            s.pairs_tested += 1
-            s.kept -= 1
+def step_project(s, t):
+    """Steps projection, clip and tile test, in which a pair is one step for each eye."""
+    if s.path_full[ELLIPSE] and s.survivors < 2:
+        s.path_full[ELLIPSE] = 0
+        s.survivors += 1
+        s.kept -= 1
     fetch(s, ELLIPSE, t)
     if s.walked and accepts(s, ELLIPSE, t):
         enter(s, ELLIPSE, t)
@@ -158,29 +150,63 @@ def step_project(s, t, kinds, tested):
         else:
             s.blocked_tile_test += 1
     if s.path_full[PROJECTION] and s.clipped == 0 and s.clip_left:
-        s.path_full[PROJECTION], s.clipped = 0, kinds[s.pairs_clipped] != MISSES
-        s.pairs_clipped += 1
+        s.path_full[PROJECTION], s.clipped = 0, 1
         s.clip_left -= 1
     fetch(s, PROJECTION, t)
     if s.path_full[NEAR] and accepts(s, PROJECTION, t):
         enter(s, PROJECTION, t)
         s.path_full[NEAR] = 0
     fetch(s, NEAR, t)
-    at = s.points_out
+    at, entered = s.points_out, accepts(s, NEAR, t)
+    if s.eye_points and entered:  # the register in which a point waits for both eyes
+        enter(s, NEAR, t)
+        s.eye_points -= 1
     if at != s.points_in and s.point_times[at & _POINTS - 1] <= t:
-        if accepts(s, NEAR, t):
+        if s.two_eyes and s.eye_points == 0:
+            s.eye_points, entered = 2, True
+        elif s.two_eyes:
+            entered = False
+        elif entered:
             enter(s, NEAR, t)
-            s.points_out = at + (s.point_eye == s.two_eyes)
-            s.point_eye = s.two_eyes - s.point_eye
-            s.busy_projection += 1
-        else:
-            s.blocked_projection += 1
+        s.points_out = at + entered
+        s.busy_projection += entered
+        s.blocked_projection += entered == 0
 
 
 @step
-def step_colour(s, t, taken, places, frees):
-    """Steps PairColour. `taken`: the batch buffer takes the place that is offered. Of each survivor, `places` is the number of
-    its places, and `frees` says whether it is the last one of its pair, whose record is then needed no longer."""
+def _shade(s, t, shades, frees):
+    """Sends a survivor to the harmonics, or past them."""
+    if shades:
+        enter(s, HARMONICS, t)
+        return
+    s.sum_times[s.sums_in & 3] = t + _PLACES
+    s.sums_in += 1
+    s.beats_held -= frees[s.pairs_freed] * s.record_beats
+    s.pairs_freed += 1
+
+
+@step
+def _hold_survivors(s, t, room, shades, lit, frees):
+    """Steps the register in which a survivor of the source waits for that of the target."""
+    at = s.colour_item
+    if s.colour_held and (at & 1 or s.survivors) and (room or lit[at] == 0):
+        if lit[at]:
+            _shade(s, t, shades, frees)
+        s.colour_held, s.colour_item = 0, at + 1
+    if s.survivors:
+        if s.colour_held == 0:
+            s.colour_held = 1
+            s.survivors -= 1
+            s.busy_colour += 1
+        else:
+            s.blocked_colour += 1
+
+
+@step
+def step_colour(s, t, taken, lit, places, frees):
+    """Steps PairColour. `taken`: the batch buffer takes the place that is offered. `lit` says of each survivor whether colours
+    are computed for it; of each of those, `places` is the number of its places, and `frees` says whether it is the last one of
+    its pair, whose record is then needed no longer."""
     s.place_left -= taken
     if s.place_left == 0 and s.sums_out != s.sums_in and s.sum_times[s.sums_out & 3] <= t:
         s.place_left = places[s.place_pair]
@@ -200,17 +226,12 @@ def step_colour(s, t, taken, places, frees):
             s.beats_held -= frees[s.pairs_freed] * s.record_beats
             s.pairs_freed += 1
         fetch(s, HARMONICS, t)
-    if s.survivors == 0:
-        return
-    if accepts(s, HARMONICS, t) if shades else room:
-        s.busy_colour += 1
-        s.survivors -= 1
-        if shades:
-            enter(s, HARMONICS, t)
+    if s.two_eyes:
+        _hold_survivors(s, t, accepts(s, HARMONICS, t) if shades else room, shades, lit, frees)
+    elif s.survivors:
+        if accepts(s, HARMONICS, t) if shades else room:
+            s.busy_colour += 1
+            s.survivors -= 1
+            _shade(s, t, shades, frees)
         else:
-            s.sum_times[s.sums_in & 3] = t + _PLACES
-            s.sums_in += 1
-            s.beats_held -= frees[s.pairs_freed] * s.record_beats
-            s.pairs_freed += 1
-    else:
-        s.blocked_colour += 1
+            s.blocked_colour += 1

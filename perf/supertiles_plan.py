@@ -204,7 +204,7 @@ def _stream_visits(key: np.ndarray, batches: Batches, tile_at: np.ndarray) -> tu
 
 @dataclass(frozen=True)
 class SuperMap:
-    """The first beats of the memory regions, which are those of `golden.host.memory_image`."""
+    """The first beats of the memory regions, which are those of `golden.host.memory_image`; 0 where a frame has none."""
 
     chunks: int
     geometry: int
@@ -215,6 +215,8 @@ class SuperMap:
     entries: int
     spill: int
     frame: int
+    target_tiles: int = 0
+    target_frame: int = 0
 
 
 @dataclass(frozen=True)
@@ -255,12 +257,13 @@ def super_plan(
     sorting = sort_plan(lists.counts, lists.rank, groups, config, int(np.bincount(groups, lists.counts).max(initial=0)))
     missed = find_misses(
         trace.chunk.astype(np.int64), np.zeros(trace.pairs, np.int64), config.header_lines, HEADER_WAYS, False, False)
-    tiles, pixel = trace.eyes * trace.eye_tiles, DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES
+    table = -(-trace.eye_tiles * TILE_SETTING_BYTES // BEAT_BYTES)
+    pixels = frame_beats(trace, DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES)
     regions = lay_out({
         "chunks": len(trace.chunk_count), "geometry": -(-trace.points // 2),
-        "colour": trace.points * colour_beats(config, trace.sh_degree), "tiles": -(-tiles * TILE_SETTING_BYTES // BEAT_BYTES),
+        "colour": trace.points * colour_beats(config, trace.sh_degree), "tiles": table,
         "supertiles": trace.eyes * trace.supertiles * SUPER_TILES * TILE_SETTING_BYTES // BEAT_BYTES,
         "directory": frame_lists(config) * DIRECTORY_BEATS, "entries": lists.beats, "spill": sorting.spill_beats,
-        "frame": trace.eyes * frame_beats(trace, pixel)})
+        "frame": pixels, **({"target_tiles": table, "target_frame": pixels} if trace.eyes > 1 else {})})
     where = SuperMap(**{name: region.base for name, region in regions.items()})
     return SuperPlan(lists, sorting, visit_plan(trace, config), missed.astype(np.uint8), where)

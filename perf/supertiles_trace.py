@@ -34,7 +34,7 @@ from spec.joint import grid_origins, joint_columns
 from spec.queues import LEVEL_GROUP
 from spec.sources import fingerprint, sources_of
 
-VERSION = 5
+VERSION = 6
 """Version of the trace files; files of other versions are made again."""
 
 
@@ -71,8 +71,8 @@ class SuperTrace:
         eyes: 2 in joint frames (`spec.joint`), whose tiles are those of the source and then those of the target. All properties
             of Gaussians stand twice then, for both eyes in turn: `perf.joint_trace` says what steps and classes mean.
         shift: the distance of the eyes' grids in tiles.
-        places_by_eye: (pairs, eyes) uint8, the levels of each pair in each eye. kinds: (pairs, eyes) uint8, as in
-            `perf.supertiles_gather`. None in frames of one eye.
+        places_by_eye: (pairs, eyes) uint8, the levels of each pair in each eye. pair_drops: uint8, of all pairs that the steps
+            give, in turn, whether it is dropped because the source has it, too. None in frames of one eye.
     """
 
     width: int
@@ -106,7 +106,7 @@ class SuperTrace:
     eyes: int = 1
     shift: int = 0
     places_by_eye: np.ndarray | None = None
-    kinds: np.ndarray | None = None
+    pair_drops: np.ndarray | None = None
 
     @property
     def tiles_x(self) -> int:

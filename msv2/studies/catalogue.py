@@ -132,6 +132,8 @@ STUDIES = (
           (Report("--keep", ("frames_v3.json",), 25, SCENES),), ("--only", "frames_v3")),
     Study("frames_streams", "msv2.studies.results.study", "the same on `v3` with four arrays and packed frames",
           (Report("--keep", ("frames_streams.json",), 20, SCENES),), ("--only", "frames_streams")),
+    Study("frames_eyes", "msv2.studies.results.study", "joint frames of both eyes on `v3_eyes`, through the RTL",
+          (Report("--keep", ("frames_eyes.json",), 20, SCENES),), ("--only", "frames_eyes")),
     Study("gallery", "msv2.studies.gallery.study", "a frame of a scene in every way of drawing it, and the README's pictures",
           (Report("--keep", ("docs/gallery.md", *(f"docs/images/{name}" for name in (
               "foveated.png", "renderers.png", "film.webp", "film.png", *(
@@ -146,6 +148,8 @@ STUDIES = (
            Report("--rtl --keep", ("model_rtl.json",), 50, SCENES))),
     Study("order", "msv2.studies.results.study", "how far the machine's order of splats is from the exact one",
           (Report("--keep", ("order.json",), 3, SCENES),), ("--only", "order")),
+    Study("overlap", "msv2.studies.overlap.study", "frames in a row whose phases overlap: cycles",
+          (Report("--keep", _files("overlap", "json", "md"), 10, SCENES),)),
     Study("packed_frames", "msv2.studies.packed_frames.study", "bytes of packed frames over those of unpacked ones",
           (Report("--keep", _files("packed_frames", "json", "md"), 2, SCENES),)),
     Study("performance", "msv2.studies.performance.study", "machines on the same frames, a GPU's roofline too",
@@ -153,6 +157,8 @@ STUDIES = (
               "area", "bandwidth", "bars", "sweeps", "tiles", "timeline"))), 30, f"{SCENES}, runs in build/train"),)),
     Study("pooling", "msv2.studies.training.pooling", "what the display's pixels do to the levels of training",
           (Report("build/train/fern build/train/fern-pooled --keep", ("pooling.json",), 0.1, "runs in build/train"),)),
+    Study("presets", "msv2.studies.presets.study", "what accuracy buys on `v3`: harmonics, points and support radius",
+          (Report("--keep", _files("presets", "json", "md"), 3, SCENES),)),
     Study("ranges", "msv2.studies.ranges.study", "values that the records of real frames take",
           (Report("--keep", _files("ranges", "json", "md", "png"), 3, SCENES),)),
     Study("report", "msv2.studies.report.study", "area, energy and performance as one page in build/report"),

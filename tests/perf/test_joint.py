@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+
 import numpy as np
 import pytest
 
@@ -11,13 +13,12 @@ from golden.msv2_ref.joint_batches import JointBatches
 from golden.msv2_ref.pipeline import render_frame
 from golden.scenes.request import parse_request, resolve
 from golden.scenes.stereo import stereo_pair
-from perf.geometry import CLOSES, ENDS
+from perf.geometry import CLOSES, ENDS, VISIBLE
 from perf.joint_trace import joint_trace
 from perf.model import MemoryModel
 from perf.supertiles import SuperCycles, simulate_supertiles
-from perf.supertiles_gather import EMPTY, MISSES, SURVIVES
 from perf.supertiles_plan import visit_plan
-from perf.supertiles_trace import SuperTrace, load_trace, save_trace, super_trace
+from perf.supertiles_trace import SuperTrace, chunk_turns, load_trace, save_trace, super_trace
 from spec.config import V3
 from spec.memory import DISPLAY_PIXEL_BYTES
 
@@ -50,30 +51,40 @@ def cycles(trace) -> SuperCycles:
 
 def test_the_trace_has_the_pairs_of_the_golden_frame(frame, trace):
     assert frame.registers.shift >= 1 and trace.shift == frame.registers.shift and trace.eyes == 2
-    assert trace.pairs == len(frame.pairs.splat) == int(trace.step_pairs.sum())
+    masks = frame.pairs.mask != 0
+    assert trace.pairs == len(frame.pairs.splat)
+    assert int(trace.step_pairs.sum()) == len(trace.pair_drops) - 1 == int(masks.sum())
+    assert int(trace.pair_drops.sum()) == int(masks.all(axis=1).sum()) > 100
     assert int(trace.splat_steps.sum()) == len(trace.step_pairs) == len(trace.step_closes)
     assert np.count_nonzero(trace.step_closes == CLOSES) == len(trace.splat_steps) - 1 and trace.step_closes[-1] == ENDS
     visible = np.stack([eye.projected.reason == projection.VISIBLE for eye in frame.eyes])
-    assert len(trace.splat_steps) == visible.any(axis=0).sum() + 1
-    assert len(trace.point_class) == 2 * frame.counts["points"] + 2
-    assert np.array_equal(trace.kinds == SURVIVES, frame.pairs.mask != 0)
-    assert {int(kind) for kind in np.unique(trace.kinds)} <= {MISSES, EMPTY, SURVIVES} and (trace.kinds == MISSES).any()
+    assert len(trace.splat_steps) == visible.sum() + 1 == np.count_nonzero(trace.point_class == VISIBLE)
+    assert len(trace.point_class) == 2 * frame.counts["points"] + 1
     supertile, place = trace.grid
     for eye, grid in enumerate(frame.grids):
         mine = slice(eye * trace.eye_tiles, (eye + 1) * trace.eye_tiles)
         assert np.array_equal(supertile[mine], grid.supertile) and np.array_equal(place[mine], grid.place + 16 * eye)
 
 
-def test_rows_of_both_boxes_are_tested_together(frame, trace):
-    """The steps of each splat are those of the rows of both boxes, once for each eye that it touches."""
-    steps, reason = [], [eye.projected.reason for eye in frame.eyes]
-    for splat in range(len(reason[0])):
-        boxes = [eye.projected.box[splat, 2:].astype(int)
-                 for eye, why in zip(frame.eyes, reason, strict=True) if why[splat] == projection.VISIBLE]
-        if boxes:
-            rows = max(box[1] for box in boxes) - min(box[0] for box in boxes) + 1
-            steps.append((rows + 1) // 2 * len(boxes))
-    assert sorted(trace.splat_steps[:-1].tolist()) == sorted(steps)
+def test_splats_of_both_eyes_are_tested_one_after_the_other(frame, trace):
+    """The steps of each Gaussian, in the order in which Gaussians are read: those of the source's rows, then those of the
+    target's; and the pairs that they give, of which those that the source has are dropped."""
+    order = np.argsort(chunk_turns(frame.source.words.chunks["count"].astype(np.uint8)))
+    of_splat = defaultdict(list)
+    for pair in np.lexsort((frame.pairs.supertile, frame.pairs.splat)).tolist():
+        of_splat[int(frame.pairs.splat[pair])].append(pair)
+    steps, drops, arrival = [], [], []
+    for splat in order.tolist():
+        for eye, drawn in enumerate(frame.eyes):
+            if drawn.projected.reason[splat] == projection.VISIBLE:
+                first, last = drawn.projected.box[splat, 2:].astype(int)
+                steps.append((last - first) // 2 + 1)
+            given = [pair for pair in of_splat[splat] if frame.pairs.mask[pair, eye]]
+            dropped = [bool(eye and frame.pairs.mask[pair, 0]) for pair in given]
+            drops += dropped
+            arrival += [pair for pair, drop in zip(given, dropped, strict=True) if not drop]
+    assert trace.splat_steps[:-1].tolist() == steps
+    assert trace.pair_drops[:-1].tolist() == drops and trace.arrival.tolist() == arrival
 
 
 def test_visits_are_those_of_the_golden_frame(frame, trace):
@@ -99,9 +110,10 @@ def test_counters_are_the_golden_ones(frame, trace, cycles):
     assert cycles.entries == frame.counts["entries"]
     stages = {name: stage.busy for name, stage in cycles.stages.items()}
     assert stages["fetch"] == stages["sort"] == stages["handover"] == trace.pairs
-    assert stages["projection"] == 2 * frame.counts["points"] + 2 + 2 * trace.pairs
+    assert stages["projection"] == frame.counts["points"] + 1 + trace.pairs  # each of which is projected twice
+    assert stages["tile_test"] == len(trace.splat_steps) + 2 * trace.pairs
     assert stages["batch"] == int(trace.places.sum()) == len(JointBatches(frame).places.pair)
-    assert stages["colour"] == int((trace.kinds == SURVIVES).sum())
+    assert stages["colour"] == 2 * trace.pairs
     assert cycles.writes["frame"] == 2 * 320 * 180 * DISPLAY_PIXEL_BYTES
     assert cycles.reads["tiles"] == 2 * (32 * -(-20 * 12 // 4) + trace.supertiles * 128)
 
@@ -120,17 +132,18 @@ def test_an_eye_beside_itself_has_the_sources_pairs(frame, alone):
     pair = stereo_pair(asked.camera, ipd_metres=1e-12)
     same = joint_trace(render_joint(frame.source.words, pair, config=V3, foveation=asked.foveation))
     assert same.shift == 0 and same.pairs == alone.pairs and np.array_equal(same.splat, alone.splat)
-    assert np.array_equal(same.places, 2 * alone.places) and (same.kinds == SURVIVES).all()
+    assert np.array_equal(same.places, 2 * alone.places) and int(same.pair_drops.sum()) == same.pairs
     got = simulate_supertiles(same, V3, memory=IDEAL, display=True)
     one = simulate_supertiles(alone, V3, memory=IDEAL, display=True)
     assert got.reads["colour"] == one.reads["colour"] and got.writes["entries"] == one.writes["entries"]
-    assert got.stages["projection"].busy == 2 * one.stages["projection"].busy
+    assert got.stages["projection"].busy == one.stages["projection"].busy
+    assert got.stages["tile_test"].busy == 2 * one.stages["tile_test"].busy - 1
     assert got.ops + got.skipped >= 1.9 * (one.ops + one.skipped)
 
 
 def test_shared_colours_are_computed_once_for_a_pair(trace, cycles):
     shared = simulate_supertiles(trace, V3, memory=IDEAL, display=True, shared_colour=True)
-    assert shared.stages["colour"].busy == trace.pairs and shared.stages["batch"].busy == cycles.stages["batch"].busy
+    assert shared.stages["colour"].busy == 2 * trace.pairs and shared.stages["batch"].busy == cycles.stages["batch"].busy
     assert shared.ops + shared.skipped == cycles.ops + cycles.skipped and shared.total <= cycles.total
 
 
@@ -149,5 +162,5 @@ def test_traces_are_kept_as_they_are(trace, tmp_path):
     save_trace(trace, tmp_path / "kept.npz")
     again = load_trace(tmp_path / "kept.npz")
     assert again.eyes == 2 and again.shift == trace.shift
-    for name in ("places_by_eye", "kinds", "pair", "step_pairs", "point_class"):
+    for name in ("places_by_eye", "pair_drops", "pair", "step_pairs", "point_class"):
         assert np.array_equal(getattr(again, name), getattr(trace, name)), name
