@@ -28,6 +28,9 @@ from synth.report import write_text
 IDEAL = ("clk", "rst")
 """Ports of which nothing is timed: the clock, and the reset, which is no path (`synth.timing`)."""
 
+ESCAPE = "\\"
+"""The character before a name that is not a plain one."""
+
 _LONG_PS = 1e5
 """The clock during the measurement, far longer than any way."""
 
@@ -91,9 +94,10 @@ def without(netlist: Netlist, ports: Mapping[str, Mapping[str, tuple[str, int]]]
         for pin, bits in instance.pins.items():
             if pin in IDEAL or not bits:
                 continue
-            direction, width = ports[instance.kind][pin]
-            port = f"inner{k}_{re.sub(r'[^A-Za-z0-9_]', '_', pin)}"
-            names[port] = f"{instance.name.lstrip(chr(92))}.{pin}"
+            plain = pin.lstrip(ESCAPE)
+            direction, width = ports[instance.kind][plain]
+            port = f"inner{k}_{re.sub(r'[^A-Za-z0-9_]', '_', plain)}"
+            names[port] = f"{instance.name.lstrip(ESCAPE)}.{plain}"
             declared.append(_declared({"input": "output", "output": "input"}[direction], port, width))
             for i, bit in enumerate(bits):
                 place = f"{port}[{i}]" if width > 1 else port
@@ -105,7 +109,7 @@ def without(netlist: Netlist, ports: Mapping[str, Mapping[str, tuple[str, int]]]
     listed = ", ".join([*netlist.ports, *names])
     cells = [_written(instance) for instance in netlist.instances if instance.kind not in ports]
     text = "".join([f"module {netlist.name}({listed});\n", *declared, *wires, *assigns, *cells, "endmodule\n"])
-    return text, {instance.name.lstrip("\\"): instance.kind for instance in inner}, names
+    return text, {instance.name.lstrip(ESCAPE): instance.kind for instance in inner}, names
 
 
 def _bit(bit: str) -> str:
@@ -146,7 +150,7 @@ def script(
     """
     unit, cell = corner.technology.time_unit_ps, corner.technology.driver
     clock, slew = _LONG_PS / unit, INPUT_SLEW_PS / unit
-    ports = " ".join(inputs)
+    ports = " ".join(port if re.fullmatch(r"\w+", port) else f"{{{port}}}" for port in inputs)
     return "\n".join([
         *(f"read_liberty {path}" for path in liberties), *(f"read_verilog {path}" for path in verilog), f"link_design {top}",
         "if {[llength [get_ports -quiet clk]]} { " f"create_clock -name clk -period {clock} [get_ports clk]; "
@@ -232,6 +236,6 @@ def _inside(design: Design, name: str, cut: set[str]) -> list[str]:
 
 
 def ports_of(text: str) -> dict[str, tuple[str, int]]:
-    """Direction and width of the ports of a netlist's module."""
+    """Direction and width of the ports of a netlist's module, by their names without escapes."""
     found = re.findall(r"(?m)^  (input|output) (?:\[(\d+):0\] )?(\\\S+ |[A-Za-z_][\w$]*) ?;$", text)
-    return {name.strip(): (direction, int(high or 0) + 1) for direction, high, name in found}
+    return {name.strip().lstrip(ESCAPE): (direction, int(high or 0) + 1) for direction, high, name in found}

@@ -10,6 +10,7 @@ import pytest
 
 from synth import interfaces, linked, timing, whole
 from synth.budget import Late, compare, graph, late, order
+from synth.corners import CORNERS
 from synth.interfaces import Interface, interface_of, interfaced
 from synth.machine import TOP
 from synth.netlist import parse
@@ -114,3 +115,13 @@ def test_stored_interfaces_come_back_and_are_stale_after_a_change(tmp_path: Path
     assert stale(replace(budget, interfaces=today)) == []
     del today[READER]
     assert stale(replace(budget, interfaces=today)) == [READER]
+
+
+def test_escaped_names_of_ports_are_plain_in_interfaces() -> None:
+    text = "module m(\\a$1 , b);\n  input \\a$1 ;\n  output [1:0] b;\nendmodule\n"
+    assert interfaces.ports_of(text) == {"a$1": ("input", 1), "b": ("output", 2)}
+    outer = parse("module top(x);\n  input x;\n  m \\u$2  (\n    .\\a$1 (x),\n    .b({ y, z })\n  );\nendmodule\n")
+    written, below, names = interfaces.without(outer, {"m": interfaces.ports_of(text)})
+    assert below == {"u$2": "m"} and names == {"inner0_a_1": "u$2.a$1", "inner0_b": "u$2.b"}
+    assert "  output inner0_a_1;\n" in written and "  assign z = inner0_b[0];\n" in written
+    assert "foreach p {c {a$1}}" in interfaces.script([], "m", ["c", "a$1"], CORNERS["typical"], [])
