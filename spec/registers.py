@@ -45,13 +45,11 @@ MAGIC = 0x4D535632
 """The value of register `id`: "MSV2" in ASCII."""
 
 VERSION_MAJOR, VERSION_MINOR = 4, 0
-"""Of this map. A higher minor version only adds registers; machines with stereo have the next one, which is odd, and machines
-that pack frames the one after, and machines with joint frames the fourth. In version 3
-every machine had the settings, memory clients and counters of splat records in memory, which machines with lists by super-tile
-do not have, and `machine_frame` and `machine_cache` had one number each, which filled the register. Version 2 had
-no machines with chunks, whose settings and counters stand before those of stereo: these have moved. Version 1 had a field
-`sorting_units` in bits 15:8 of `machine_units`, which did nothing; they now read 0. Versions below 1.2 had no counters of
-saturated values."""
+"""Of this map. A higher minor version only adds registers; machines with stereo have the next one, those that pack frames the
+second, and those with joint frames the fourth. In version 3 every machine had the settings, clients and counters of splat
+records, which machines with lists by super-tile lack, and `machine_frame` and `machine_cache` had one number each. Version 2
+had no machines with chunks, whose settings and counters stand before those of stereo: these have moved. Version 1 had a field
+`sorting_units` in `machine_units`, which did nothing; versions below 1.2 no counters of saturated values."""
 
 CONTROL_BASE = 0x020
 """Byte address of the first control register."""
@@ -273,10 +271,9 @@ def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
 
 
 def fingerprint(config: AcceleratorConfig) -> int:
-    """A hash of 32 bits that differs where two machines differ in any parameter but their names. A machine without joint frames
-    has that of the same machine from before there were any."""
-    text = repr(config.with_(name="any")).replace("joint=False, ", "")
-    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "little")
+    """A hash of 32 bits that differs where machines differ in any parameter but their names and the lack of joint frames."""
+    text = repr(config.with_(name="any")).replace("joint=False, ", "").encode()
+    return int.from_bytes(hashlib.sha256(text).digest()[:4], "little")
 
 
 def version_minor(config: AcceleratorConfig) -> int:
