@@ -167,8 +167,9 @@ def _bin(trace: SuperTrace, config: AcceleratorConfig, memory: LastingMemory, pl
     drops = np.zeros(trace.pairs + 1, np.uint8) if trace.pair_drops is None else trace.pair_drops
     cycles, counted = supertiles_bin.bin_phase(
         s, classes, classes[classes != geometry.NEAR_CULLED], trace.splat_steps, trace.step_groups, trace.step_pairs,
-        trace.step_closes, drops, plan.lists.pair_writes, np.where(writes < 0, where.directory - 1 - writes, where.entries + writes),
-        plan.lists.flushed, where.chunks, where.geometry, *arrays, LIMIT)
+        trace.step_closes, drops, plan.lists.pair_writes,
+        np.where(writes < 0, where.directory - 1 - writes, where.entries + writes), plan.lists.flushed, where.chunks,
+        where.geometry, *arrays, LIMIT)
     return _results(s, memory.end(finished("GEOMETRY", cycles)), BIN_STAGES), int(counted)
 
 
@@ -209,8 +210,8 @@ def _set_frame(s: np.record, trace: SuperTrace, config: AcceleratorConfig, pixel
 
 
 def _gathered(trace: SuperTrace, shared: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """`lit`, `places` and `frees` of `perf.supertiles_gather`, each with an item behind the last. Where both eyes share colours,
-    the source's survivor brings the places of both."""
+    """`lit`, `places` and `frees` of `perf.supertiles_gather`, each with an item behind the last. Where colours are shared by
+    both eyes, the source's survivor brings the places of both."""
     places = trace.eye_places.astype(np.int64)
     if shared:
         lit, places = np.zeros(places.shape, bool), places.sum(axis=1, keepdims=True) * np.ones_like(places)
@@ -258,7 +259,8 @@ def _render(
         merging, keys, sorting.part_runs, sorting.job_start, sorting.job_length, sorting.job_entries, sorting.job_out,
         sorting.job_waits, sorting.way_of, sorting.job_begin, sorting.job_goal, np.append(plan.missed, 0),
         where.chunks + trace.chunk, where.colour + trace.splat.astype(np.int64) * beats,
-        *_gathered(trace, trace.eyes > 1 and (shared_colour or not trace.sh_degree)), np.append(np.diff(trace.start) * trace.eyes, 0),
+        *_gathered(trace, trace.eyes > 1 and (shared_colour or not trace.sh_degree)),
+        np.append(np.diff(trace.start) * trace.eyes, 0),
         visits.batch_supertile, visits.batch_places, visits.batch_visit, visits.visit_tile, visits.visit_final,
         visits.visit_entry, visits.visit_seen, visits.use, visits.slot, stop, blend, visits.drawn,
         trace.blocks, np.full((trace.streams, len(trace.counts)), bus.NEVER, np.int64),
