@@ -100,7 +100,7 @@ def joint_case(
 ) -> JointCase:
     """Random pairs and records; a share `alone` of the pairs each has no level in the source, and none in the target."""
     name = name or f"joint, {'one colour' if shared else 'two colours'}, degree {sh_degree}"
-    case, rng = random_case(config, seed, sh_degree, count, name=name, levels=levels), np.random.default_rng(seed)
+    case, rng = random_case(config, seed, sh_degree, count, name=name, levels=levels), np.random.default_rng((seed, 1))
     (source,) = case.frames
     target, drawn = random_survivors(config, rng, count, levels), rng.random(count)
     target["bound"], target["eye"], target["index"] = source["bound"], 1, source["index"]
