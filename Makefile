@@ -71,9 +71,10 @@ sim: base ## unit simulation; TEST=float|chunk_test|chunk_reader|culling|lists|t
 	@$(MSV2) sim $(call option,TEST,test) $(config) $(call option,SEED,seed) \
 		$(call switch,WAVES,waves) $(call option,WAVE_CYCLES,wave-cycles)
 
-synth: tested ## synthesis; UNIT=|CONFIG= SET="NAME=VALUE ..." STEREO=1 TECH=generic|asap7|nangate45|osu018|PATH.lib CLOCK_PS=N JOBS=N RUNS=N OUT=, liberty folder in MSV2_PDK
+synth: tested ## synthesis; UNIT=|CONFIG= SET="NAME=VALUE ..." STEREO=1 TECH=generic|asap7|nangate45|osu018|PATH.lib CLOCK_PS=N JOBS=N RUNS=N OUT=, liberty folder in MSV2_PDK; MACHINE=1 times the linked machine, CORNER=typical|slow|PATH.lib UNCERTAINTY=0.05; BUDGET=1 adds up stored times
 	@$(MSV2) synth $(call option,UNIT,unit) $(config) $(call switch,STEREO,stereo) \
-		$(call option,TECH,tech) $(call option,CLOCK_PS,clock-ps) $(call option,JOBS,jobs) $(call option,RUNS,runs) $(call option,OUT,out)
+		$(call option,TECH,tech) $(call option,CLOCK_PS,clock-ps) $(call option,JOBS,jobs) $(call option,RUNS,runs) $(call option,OUT,out) \
+		$(call switch,MACHINE,machine) $(call option,CORNER,corner) $(call option,UNCERTAINTY,uncertainty) $(call switch,BUDGET,budget)
 
 verilog: base ## the machine or one unit as Verilog for your own design; CONFIG= SET="NAME=VALUE ..." STEREO=1 UNIT= OUT= PREFIX=
 	@$(MSV2) verilog $(config) $(call switch,STEREO,stereo) $(call option,UNIT,unit) $(call option,OUT,out) $(call option,PREFIX,prefix)

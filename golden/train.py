@@ -40,6 +40,8 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add("--max-points", type=int, metavar="N", help="largest number of points in the dense model (default: the scene's)")
     add("--pooling-width", type=int, metavar="PX", help="HVSQ pools as in frames of this width; 1237 gives the paper's 1, 3, 7 "
         "and 12 pixels (default: the frame's width, as if the frame were shown as large as the paper's)")
+    add("--no-outside", action="store_true", help="refuse photographs, masks and points that a scene's files name and that lie "
+        "outside its folder; without it, absolute paths and ../ are followed")
     add("--seed", type=int, default=0, help="seed of everything drawn at random (default: 0)")
     add("--device", default="auto", metavar="auto|cpu|cuda", help="where to train (default: auto)")
     add("--resume", action="store_true", help="continue from the last checkpoint in the output folder")

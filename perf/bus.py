@@ -35,7 +35,8 @@ answers are known at once. LPDDR3: channels of DRAM. STEPPED: the bench's memory
 writes may overtake each other."""
 
 RING = 512  # covers the requests in memory and those in the buffer before it
-_MASK, _DATA, _WRITES = RING - 1, 512, 256
+BEATS, ANSWERS = 512, 256  # beats and answers of a client that are kept
+_MASK = RING - 1
 _TO_CLIENT = 4  # cycles from an answer until its beat is offered
 _READ_FREED, _WRITE_FREED = 3, 2  # cycles from an answer until its place can be used again
 NEVER = 1 << 60
@@ -51,8 +52,8 @@ layout.ring("lowest_bit", 128)  # a table of the position of a number's lowest s
 for _name in ("id", "due", "address", "answers"):
     layout.ring(f"read_{_name}", RING)
     layout.ring(f"write_{_name}", RING)
-layout.ring("client_answers", 8, _WRITES)
-layout.ring("beat_times", 8, _DATA)
+layout.ring("client_answers", 8, ANSWERS)
+layout.ring("beat_times", 8, BEATS)
 
 
 def prepare(
@@ -94,7 +95,7 @@ def grant_write(s, t, asking):
     if asking == 0 or s.write_push - s.write_in + s.write_comes > 1:
         return -1
     client = _next(s, s.last_write, asking)
-    while s.client_answers[client, s.writes[client] & _WRITES - 1] > t - _WRITE_FREED:
+    while s.client_answers[client, s.writes[client] & ANSWERS - 1] > t - _WRITE_FREED:
         asking &= ~(1 << client)
         if asking == 0:
             return -1
@@ -119,7 +120,7 @@ def write(s, client, address):
     s.last_write = client
     at, count = s.write_push & _MASK, s.writes[client]
     s.write_id[at], s.write_address[at] = client, address
-    s.client_answers[client, count & _WRITES - 1] = NEVER
+    s.client_answers[client, count & ANSWERS - 1] = NEVER
     s.writes[client] = count + 1
     s.write_push += 1
     s.write_new = 1
@@ -128,14 +129,14 @@ def write(s, client, address):
 @step
 def writes_idle(s, t, client):
     """Whether all writes of a client are in memory."""
-    return s.client_answers[client, s.writes[client] - 1 & _WRITES - 1] <= t - _WRITE_FREED
+    return s.client_answers[client, s.writes[client] - 1 & ANSWERS - 1] <= t - _WRITE_FREED
 
 
 @step
 def offered(s, client, t):
     """Whether a beat is offered to the client."""
     at = s.beats_out[client]
-    return at != s.beats_in[client] and s.beat_times[client, at & _DATA - 1] <= t
+    return at != s.beats_in[client] and s.beat_times[client, at & BEATS - 1] <= t
 
 
 @step
@@ -149,7 +150,7 @@ def take(s, client):
 def _deliver(s, client, t):
     """Schedules the beat of a read that is answered at the end of cycle t."""
     at = s.beats_in[client]
-    s.beat_times[client, at & _DATA - 1] = t + _TO_CLIENT
+    s.beat_times[client, at & BEATS - 1] = t + _TO_CLIENT
     s.beats_in[client] = at + 1
     s.reads[client] += 1
 
@@ -166,7 +167,7 @@ def deliver(s, client, t):
 def written(s, client, t):
     """Answers a client's oldest write at the end of cycle t."""
     count = s.written[client]
-    s.client_answers[client, count & _WRITES - 1] = t
+    s.client_answers[client, count & ANSWERS - 1] = t
     s.written[client] = count + 1
 
 

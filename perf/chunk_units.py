@@ -80,11 +80,17 @@ def _arrives(s, t, chunk_points):
 
 
 @step
+def decoded(s):
+    """Whether the decode unit offers a Gaussian of a compact record."""
+    return s.decode_pipe >> _DECODED & 1 != 0
+
+
+@step
 def offers_point(s, t, chunk_points):
     """Whether an item is offered to projection. `point_taken` must then say whether it is taken."""
     s.point_taken = 0
     if s.halves > 1:
-        return s.decode_pipe >> _DECODED & 1 != 0
+        return decoded(s)
     return _arrives(s, t, chunk_points)
 
 

@@ -16,10 +16,11 @@ MASK = RING - 1
 
 def add_paths(to: Layout) -> None:
     """Adds to a layout, of each datapath, the length and the interval, slots entered and fetched, free rows, whether the output
-    register is full, and the cycles in which the slots inside are finished; and `path_shift`, the cycles from the reset to the
-    state's first one: slots enter in cycles after the reset that are multiples of the interval."""
+    register is full, whether another phase has the path's input in this cycle (`perf.overlap`), and the cycles in which the
+    slots inside are finished; and `path_shift`, the cycles from the reset to the state's first one: slots enter in cycles after
+    the reset that are multiples of the interval."""
     to.words("path_shift")
-    for name in ("length", "interval", "in", "out", "free", "full"):
+    for name in ("length", "interval", "in", "out", "free", "full", "held"):
         to.ring(f"path_{name}", 8)
     to.ring("path_times", 8, RING)
 
@@ -46,7 +47,8 @@ def fetch(s, p, t):
 @step
 def accepts(s, p, t):
     """Whether a slot can enter."""
-    return s.path_free[p] != 0 and (s.path_interval[p] == 1 or (t + s.path_shift) % s.path_interval[p] == 0)
+    free = s.path_free[p] != 0 and s.path_held[p] == 0
+    return free and (s.path_interval[p] == 1 or (t + s.path_shift) % s.path_interval[p] == 0)
 
 
 @step

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,6 @@ from golden.msv2_ref.buckets import Bounds
 from perf import bus, chunk_units, chunks, constants, datapath, geometry, supertiles_bin, supertiles_render
 from perf.model import FrameCycles, MemoryModel, Stage
 from perf.phases import LIMIT, LastingMemory, counts_of, dram_commands, finished, table_cycles
-from perf.plan import tile_rows
 from perf.supertiles_gather import SUPERTILE_BEATS
 from perf.supertiles_plan import SuperPlan, steady_bounds, super_plan
 from perf.supertiles_trace import SuperTrace
@@ -102,26 +102,18 @@ def simulate_supertiles(
         memory = LastingMemory(memory or MemoryModel(LPDDR3))
     if pipeline is not None:
         config = config.with_(incremental=pipeline)
-    if trace.streams != config.streams:
-        raise ValueError(f"trace must be one of a machine with {config.streams} streams, not {trace.streams!r}")
-    if trace.sh_degree > config.sh_degree:
-        raise ValueError(f"config must be a machine of SH degree {trace.sh_degree}, not {config.sh_degree!r}")
-    if packed and not config.packed:
-        raise ValueError(f"config must be a machine that packs frames, not {config.name!r}")
-    if packed and trace.eyes > 1:
-        raise ValueError(f"trace must be one of a single eye where frames are packed, not of {trace.eyes!r}")
+    check_trace(trace, config, packed)
     beta, begin = beta if merge else 0, work_clock()
     plan = super_plan(trace, config, steady_bounds(trace, config) if bounds is None else bounds, beta, display or packed)
-    clear = trace.tiles_y + 1 if trace.eyes == 1 else max(trace.tiles_y, frame_supertiles(config.with_(joint=True))) + 1
+    clear = clear_cycles(trace, config)
     memory.wait(clear)
     table = table_cycles(memory, trace.eye_tiles, plan.where.tiles, SUPERTILE_READ_DEPTHS)
     if trace.eyes > 1:
         table += table_cycles(memory, trace.eye_tiles, plan.where.target_tiles, SUPERTILE_READ_DEPTHS)
     binned, counted = _bin(trace, config, memory, plan)
-    latency = _TMU_LATENCY + (COUNT_BITS + frame_lists(config).bit_length() + 1 if beta is None else 0)
     drawn, events = _render(
         trace, config, memory, PACKED if packed else int(display), shared_colour, plan,
-        max(0, counted - 1 + latency - binned.cycles))
+        max(0, counted - 1 + merge_latency(config, beta) - binned.cycles))
     phases = {"clear": clear, "table": table, "geometry": binned.cycles, "render": drawn.cycles}
     total, both = sum(phases.values()), (binned, drawn)
     reads, writes = sum(p.reads for p in both), sum(p.writes for p in both)
@@ -144,6 +136,29 @@ def simulate_supertiles(
         overflow=plan.lists.overflow(config.sort_chunk))
 
 
+def check_trace(trace: SuperTrace, config: AcceleratorConfig, packed: bool) -> None:
+    """Raises ValueError where the machine has other streams or a lower SH degree than the frame's trace, or cannot pack the
+    frame though it should."""
+    if trace.streams != config.streams:
+        raise ValueError(f"trace must be one of a machine with {config.streams} streams, not {trace.streams!r}")
+    if trace.sh_degree > config.sh_degree:
+        raise ValueError(f"config must be a machine of SH degree {trace.sh_degree}, not {config.sh_degree!r}")
+    if packed and not config.packed:
+        raise ValueError(f"config must be a machine that packs frames, not {config.name!r}")
+    if packed and trace.eyes > 1:
+        raise ValueError(f"trace must be one of a single eye where frames are packed, not of {trace.eyes!r}")
+
+
+def clear_cycles(trace: SuperTrace, config: AcceleratorConfig) -> int:
+    """Cycles before the table of tiles is read, in which joint frames clear the last Gaussian of every list."""
+    return 1 + (trace.tiles_y if trace.eyes == 1 else max(trace.tiles_y, frame_supertiles(config.with_(joint=True))))
+
+
+def merge_latency(config: AcceleratorConfig, beta: int | None) -> int:
+    """Cycles from the frame's last pair to the first group, with a merge threshold or, with None, the automatic one."""
+    return _TMU_LATENCY + (COUNT_BITS + frame_lists(config).bit_length() + 1 if beta is None else 0)
+
+
 def _bytes(beats: np.ndarray, names: tuple[str, ...], clients: tuple[str, ...]) -> dict[str, int]:
     """Bytes by client of a machine."""
     return {name: BEAT_BYTES * int(beats[names.index(name)]) for name in clients}
@@ -158,6 +173,12 @@ def _bin(trace: SuperTrace, config: AcceleratorConfig, memory: LastingMemory, pl
     """Simulates the first phase. Returns it with the cycle in which its last pair was in memory."""
     s = memory.begin(supertiles_bin.layout, SUPERTILE_READ_DEPTHS)
     s.path_shift = memory.age
+    cycles = supertiles_bin.bin_phase(s, bin_arguments(s, trace, config, plan), LIMIT)
+    return _results(s, memory.end(finished("GEOMETRY", cycles)), BIN_STAGES), int(s.counted)
+
+
+def bin_arguments(s: np.record, trace: SuperTrace, config: AcceleratorConfig, plan: SuperPlan) -> tuple[np.ndarray | int, ...]:
+    """Initialises a state of the first phase. Returns the arguments of `bin_phase` between the state and the limit."""
     paths = _set_paths(s, config)
     arrays = chunk_units.prepare(s, trace.chunk_count, trace.chunk_read, config, paths, trace.eyes)
     s.two_eyes, s.points_left = trace.eyes - 1, len(trace.point_class) // trace.eyes
@@ -165,12 +186,10 @@ def _bin(trace: SuperTrace, config: AcceleratorConfig, memory: LastingMemory, pl
     writes, where = plan.lists.writes, plan.where
     classes = trace.point_class
     drops = np.zeros(trace.pairs + 1, np.uint8) if trace.pair_drops is None else trace.pair_drops
-    cycles, counted = supertiles_bin.bin_phase(
-        s, classes, classes[classes != geometry.NEAR_CULLED], trace.splat_steps, trace.step_groups, trace.step_pairs,
-        trace.step_closes, drops, plan.lists.pair_writes,
-        np.where(writes < 0, where.directory - 1 - writes, where.entries + writes), plan.lists.flushed, where.chunks,
-        where.geometry, *arrays, LIMIT)
-    return _results(s, memory.end(finished("GEOMETRY", cycles)), BIN_STAGES), int(counted)
+    return (classes, classes[classes != geometry.NEAR_CULLED], trace.splat_steps, trace.step_groups, trace.step_pairs,
+            trace.step_closes, drops, plan.lists.pair_writes,
+            np.where(writes < 0, where.directory - 1 - writes, where.entries + writes), plan.lists.flushed, where.chunks,
+            where.geometry, *arrays)
 
 
 def _set_paths(s: np.record, config: AcceleratorConfig) -> constants.Culling:
@@ -193,7 +212,7 @@ def _new_streams(config: AcceleratorConfig) -> np.recarray:
     streams.stop_latency = constants.SETUP_LATENCY + expand + config.array_y + 4
     streams.store_latency = expand + constants.ROW_PIPELINE + constants.SUMS_LATER + config.array_y + 4
     streams.rows_free, streams.row_halves = OUTPUT_DRAINS * config.array_y, 2
-    streams.drain_rows = config.array_y if config.incremental else tile_rows(config) // config.streams
+    streams.drain_rows = config.array_y if config.incremental else config.region**2 // config.array_x
     streams.banks = config.batch_banks if config.streams > 1 else 0
     return streams
 
@@ -210,8 +229,8 @@ def _set_frame(s: np.record, trace: SuperTrace, config: AcceleratorConfig, pixel
 
 
 def _gathered(trace: SuperTrace, shared: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """`lit`, `places` and `frees` of `perf.supertiles_gather`, each with an item behind the last. Where colours are shared by
-    both eyes, the source's survivor brings the places of both."""
+    """`lit`, `places` and `frees` of `perf.supertiles_gather`, each with an item behind the last. Where both eyes share
+    colours, the source's survivor brings the places of both."""
     places = trace.eye_places.astype(np.int64)
     if shared:
         lit, places = np.zeros(places.shape, bool), places.sum(axis=1, keepdims=True) * np.ones_like(places)
@@ -229,10 +248,27 @@ def _render(
 ) -> tuple[_Pass, dict[str, int]]:
     """Simulates the second phase; `pixels` is 0 for whole pixels, 1 for those of displays, or PACKED. Returns it with counted
     events."""
-    line, sorting, lists, visits, where = (
-        config.line_buffer_bytes // ENTRY_BYTES, plan.sorting, plan.lists, plan.visits, plan.where)
     s = memory.begin(supertiles_render.layout, SUPERTILE_READ_DEPTHS)
     s.path_shift = memory.age
+    streams, *arguments = render_arguments(s, trace, config, pixels, shared_colour, plan, sweep_from)
+    cycles = supertiles_render.render_phase(s, streams, tuple(arguments), LIMIT)
+    return _results(s, memory.end(finished("RENDER", cycles)), RENDER_STAGES), drawn_events(s, streams)
+
+
+def drawn_events(s: np.record, streams: np.recarray) -> dict[str, int]:
+    """The events of a second phase, counted."""
+    return {"ops": int(s.ops), "skipped": int(s.skipped), "fetch_misses": int(s.header_misses),
+            "visits": int(streams.visits_taken.sum())}
+
+
+def render_arguments(
+    s: np.record, trace: SuperTrace, config: AcceleratorConfig, pixels: int, shared_colour: bool, plan: SuperPlan,
+    sweep_from: int,
+) -> tuple[Any, ...]:
+    """Initialises a state of the second phase. Returns the arguments of `render_phase` between the state and the limit, of
+    which the first are the states of the streams."""
+    line, sorting, lists, visits, where = (
+        config.line_buffer_bytes // ENTRY_BYTES, plan.sorting, plan.lists, plan.visits, plan.where)
     s.line_size, s.line_mask = line, (1 << (line - 1).bit_length()) - 1
     s.tile_count, s.sweep_from = len(lists.counts), sweep_from
     s.pointer_room, s.entries_base, s.directory_base = LIST_POINTERS, where.entries, where.directory
@@ -253,8 +289,8 @@ def _render(
     stop = np.where(trace.stop < 0, 1 << 40, trace.stop.astype(np.int64))
     blend = trace.blend & (config.level_banks == 2)
     tile_times = np.full((2, len(visits.drawn) + 1), -1, np.int64)
-    cycles = supertiles_render.render_phase(
-        s, streams, config.merge_ways, lists.counts, sorting.lasts, lists.ends, lists.page_beat, lists.page_start,
+    return (
+        streams, config.merge_ways, lists.counts, sorting.lasts, lists.ends, lists.page_beat, lists.page_start,
         sorting.group_end, sorting.chunk_length, sorting.chunk_spill, sorting.chunk_last, sorting.chunk_ends, sorting.arrival,
         merging, keys, sorting.part_runs, sorting.job_start, sorting.job_length, sorting.job_entries, sorting.job_out,
         sorting.job_waits, sorting.way_of, sorting.job_begin, sorting.job_goal, np.append(plan.missed, 0),
@@ -264,7 +300,4 @@ def _render(
         visits.batch_supertile, visits.batch_places, visits.batch_visit, visits.visit_tile, visits.visit_final,
         visits.visit_entry, visits.visit_seen, visits.use, visits.slot, stop, blend, visits.drawn,
         trace.blocks, np.full((trace.streams, len(trace.counts)), bus.NEVER, np.int64),
-        np.zeros((trace.streams, len(trace.counts)), np.int64), tile_times, LIMIT)
-    events = {"ops": int(s.ops), "skipped": int(s.skipped), "fetch_misses": int(s.header_misses),
-              "visits": int(streams.visits_taken.sum())}
-    return _results(s, memory.end(finished("RENDER", cycles)), RENDER_STAGES), events
+        np.zeros((trace.streams, len(trace.counts)), np.int64), tile_times)

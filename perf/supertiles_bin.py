@@ -18,9 +18,10 @@ layout = Layout(chunk_units.layout)
 layout.counters("projection", "tile_test", "entry_write")
 layout.words("""
     near_point passed visible_at splat_left walking walked clipped kept kept_room step_full step_left step_at
-    line_in line_out pairs_left bucket_pipe two_eyes eye_points points_left pair_given
+    line_in line_out pairs_left bucket_pipe two_eyes eye_points points_left pair_given counted
     writer_first writer_slot writer_pipe writer_linked writer_out writer_buffer writer_sent writer_ended flush_at list_count""")
 
+layout.words("table_from table_tiles table_base table_next table_asked table_left table_valid table_taken bin_from")
 layout.ring("line_pairs", LINES_AHEAD)
 layout.ring("line_times", LINES_AHEAD)
 
@@ -173,29 +174,43 @@ def _project(s, t, point_class, passed_class, splat_steps, chunk_points):
     _take_point(s, t, chunk_points)
 
 
+@step
+def asking(s):
+    """The clients that ask for a read and those that ask for a write, a bit for each."""
+    return chunk_units.chunk_requests(s), 1 << W_ENTRIES if s.writer_buffer else 0
+
+
 @phase
-def bin_phase(
-    s, point_class, passed_class, splat_steps, step_groups, step_pairs, step_closes, pair_drops, pair_writes, entry_writes,
-    flushed, header_base, geometry_base, chunk_at, chunk_read, chunk_first, chunk_points, limit,
+def bin_cycle(
+    s, t, reader, writer, point_class, passed_class, splat_steps, step_groups, step_pairs, step_closes, pair_drops,
+    pair_writes, entry_writes, flushed, header_base, geometry_base, chunk_at, chunk_read, chunk_first, chunk_points,
 ):
-    """Simulates the phase GEOMETRY. Returns its cycles, and the cycle in which the frame's last pair was in memory."""
-    t, counted = 0, -1
-    while t < limit:
-        reader = bus.grant_read(s, t, chunk_units.chunk_requests(s))
-        writer = bus.grant_write(s, t, 1 << W_ENTRIES if s.writer_buffer else 0)
-        if s.writer_ended > 1:
-            return t + 1, counted
-        if s.writer_ended:
-            counted = t + 1
-            s.writer_ended = 2
-        advance = _write_pairs(s, t, writer == W_ENTRIES, pair_writes, entry_writes, flushed)
-        given = _give_pairs(s, t, step_groups, step_pairs, step_closes, pair_drops, advance)
-        if advance:
-            s.writer_slot, s.writer_first = s.writer_first, given
-        fetch(s, ELLIPSE, t)
-        _walk(s, t)
-        _project(s, t, point_class, passed_class, splat_steps, chunk_points)
-        chunk_units.step_chunks(s, t, reader, header_base, geometry_base, chunk_at, chunk_read, chunk_first, chunk_points)
+    """Steps all units of the phase. `reader` and `writer` are the clients whose read and write were granted. Returns whether
+    the phase has ended, in which case nothing was stepped."""
+    if s.writer_ended > 1:
+        return True
+    if s.writer_ended:
+        s.counted = t + 1
+        s.writer_ended = 2
+    advance = _write_pairs(s, t, writer == W_ENTRIES, pair_writes, entry_writes, flushed)
+    given = _give_pairs(s, t, step_groups, step_pairs, step_closes, pair_drops, advance)
+    if advance:
+        s.writer_slot, s.writer_first = s.writer_first, given
+    fetch(s, ELLIPSE, t)
+    _walk(s, t)
+    _project(s, t, point_class, passed_class, splat_steps, chunk_points)
+    chunk_units.step_chunks(s, t, reader, header_base, geometry_base, chunk_at, chunk_read, chunk_first, chunk_points)
+    return False
+
+
+@phase
+def bin_phase(s, arguments, limit):
+    """Simulates the phase GEOMETRY; `arguments` are those of `bin_cycle` behind the granted clients. Returns its cycles, or -1
+    when it has not ended within `limit` cycles; `counted` is the cycle in which the frame's last pair was in memory."""
+    for t in range(limit):
+        reads, writes = asking(s)
+        reader, writer = bus.grant_read(s, t, reads), bus.grant_write(s, t, writes)
+        if bin_cycle(s, t, reader, writer, *arguments):
+            return t + 1
         memory.end_cycle(s, t)
-        t += 1
-    return -1, counted
+    return -1

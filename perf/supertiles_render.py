@@ -14,11 +14,11 @@ from spec.queues import LISTS_AHEAD
 
 layout.words("swept_before swept_since")
 
-__all__ = ["layout", "render_phase", "stream_layout"]
+__all__ = ["asking", "layout", "render_cycle", "render_phase", "stream_layout"]
 
 
 @step
-def _asking(s, t):
+def asking(s, t):
     """The clients that ask for a read and those that ask for a write, a bit for each."""
     reads = (1 << TILES) * (s.supers_owed != 0 and s.credits[TILES] != 0)
     reads |= (1 << ENTRIES) * (s.list_requests != 0 and s.credits[ENTRIES] != 0)
@@ -54,49 +54,59 @@ def _arrays(s, streams, t, granted, batch_visit, visit_tile, visit_final, visit_
 
 
 @phase
-def render_phase(
-    s, streams, ways, list_counts, list_lasts, list_ends, page_beat, page_start, group_end, chunk_length, chunk_spill,
-    chunk_last, chunk_ends, arrival, stages, keys, part_runs, job_start, job_length, job_entries, job_out, job_waits,
-    way_of, job_begin, job_goal, missed, header_beat, record_beat, lit, places, frees, pair_counts,
+def render_cycle(
+    s, streams, t, reader, writer, ways, list_counts, list_lasts, list_ends, page_beat, page_start, group_end, chunk_length,
+    chunk_spill, chunk_last, chunk_ends, arrival, stages, keys, part_runs, job_start, job_length, job_entries, job_out,
+    job_waits, way_of, job_begin, job_goal, missed, header_beat, record_beat, lit, places, frees, pair_counts,
     batch_supertile, batch_places, batch_visit, visit_tile, visit_final, visit_entry, visit_seen, use, slot, stop, blend,
-    drawn, sizes, done, pending, tile_times, limit,
+    drawn, sizes, done, pending, tile_times,
 ):
-    """Simulates the phase RENDER. Returns its cycles, or -1 when it has not ended within `limit` cycles."""
+    """Steps all units of the phase. `reader` and `writer` are the clients whose read and write were granted. Returns whether
+    the phase has ended, in which case nothing was stepped."""
+    swept = s.swept
+    list_before = s.swept_before - s.list_taken
+    waits = swept - s.list_taken - LISTS_AHEAD
+    s.swept_before, s.swept_since = s.swept_since, swept  # an item takes two cycles through the queue before the reader
+    if blending.pixels_finished(s, t):
+        return True
+    _arrays(
+        s, streams, t, writer == W_FRAME, batch_visit, visit_tile, visit_final, visit_entry, visit_seen, use, slot, stop,
+        blend, drawn, sizes, pending, done, tile_times)
+    taken = supertiles_batch.places_taken(s, t)
+    supertiles_batch.step_fill(s, streams, t, taken, batch_supertile, batch_places)
+    supertiles_gather.step_colour(s, t, taken, lit, places, frees)
+    supertiles_gather.step_project(s, t)
+    supertiles_gather.step_supertiles(s, t, reader == TILES, pair_counts)
+    supertiles_gather.step_join(s, t, missed)
+    supertiles_gather.step_ask(s, t, reader == COLOUR, missed, record_beat)
+    fetched = supertiles_gather.step_look(s, t, reader == CHUNKS, missed, header_beat)
+    sorter.step_handover(s, fetched)
+    sorter.step_run_writer(s, t, writer == W_SPILL)
+    at = s.sorted
+    sorter.step_sort_out(
+        s, t, ways, reader == SPILL, chunks.chunk_offers(stages, at + s.spilled), group_end, chunk_length, chunk_spill,
+        chunk_last, part_runs, job_start, job_length, job_entries, job_out, job_waits, way_of, job_begin, job_goal)
+    shown = s.entry_shown
+    room = chunks.step_stages(stages, keys, s.sorted + s.spilled, shown, chunk_ends, arrival)
+    if lists.step_unpack(s, t, room):
+        s.busy_sort += 1
+    elif shown:
+        s.blocked_sort += 1
+    lists.step_walk(s, t, reader == ENTRIES, list_before, list_counts, list_lasts, page_beat, page_start)
+    lists.step_sweep(s, t, waits, 0)
+    if s.swept != swept and list_ends[swept]:
+        s.supers_owed += s.super_beats
+    return False
+
+
+@phase
+def render_phase(s, streams, arguments, limit):
+    """Simulates the phase RENDER; `arguments` are those of `render_cycle` behind the granted clients. Returns its cycles, or -1
+    when it has not ended within `limit` cycles."""
     for t in range(limit):
-        reads, writes = _asking(s, t)
+        reads, writes = asking(s, t)
         reader, writer = bus.grant_read(s, t, reads), bus.grant_write(s, t, writes)
-        swept = s.swept
-        list_before = s.swept_before - s.list_taken
-        waits = swept - s.list_taken - LISTS_AHEAD
-        s.swept_before, s.swept_since = s.swept_since, swept  # an item takes two cycles through the queue before the reader
-        if blending.pixels_finished(s, t):
+        if render_cycle(s, streams, t, reader, writer, *arguments):
             return t + 1
-        _arrays(
-            s, streams, t, writer == W_FRAME, batch_visit, visit_tile, visit_final, visit_entry, visit_seen, use, slot, stop,
-            blend, drawn, sizes, pending, done, tile_times)
-        taken = supertiles_batch.places_taken(s, t)
-        supertiles_batch.step_fill(s, streams, t, taken, batch_supertile, batch_places)
-        supertiles_gather.step_colour(s, t, taken, lit, places, frees)
-        supertiles_gather.step_project(s, t)
-        supertiles_gather.step_supertiles(s, t, reader == TILES, pair_counts)
-        supertiles_gather.step_join(s, t, missed)
-        supertiles_gather.step_ask(s, t, reader == COLOUR, missed, record_beat)
-        fetched = supertiles_gather.step_look(s, t, reader == CHUNKS, missed, header_beat)
-        sorter.step_handover(s, fetched)
-        sorter.step_run_writer(s, t, writer == W_SPILL)
-        at = s.sorted
-        sorter.step_sort_out(
-            s, t, ways, reader == SPILL, chunks.chunk_offers(stages, at + s.spilled), group_end, chunk_length, chunk_spill,
-            chunk_last, part_runs, job_start, job_length, job_entries, job_out, job_waits, way_of, job_begin, job_goal)
-        shown = s.entry_shown
-        room = chunks.step_stages(stages, keys, s.sorted + s.spilled, shown, chunk_ends, arrival)
-        if lists.step_unpack(s, t, room):
-            s.busy_sort += 1
-        elif shown:
-            s.blocked_sort += 1
-        lists.step_walk(s, t, reader == ENTRIES, list_before, list_counts, list_lasts, page_beat, page_start)
-        lists.step_sweep(s, t, waits, 0)
-        if s.swept != swept and list_ends[swept]:
-            s.supers_owed += s.super_beats
         memory.end_cycle(s, t)
     return -1

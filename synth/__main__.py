@@ -1,4 +1,7 @@
-"""Synthesise a unit, or all units of a machine, and report area and the timing that OpenSTA finds."""
+"""Synthesise a unit, or all units of a machine, and report area and the timing that OpenSTA finds.
+
+With --machine, all mapped modules of a machine are linked and timed as one; --budget checks the stored numbers of their ports.
+"""
 
 from __future__ import annotations
 
@@ -8,22 +11,27 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from spec.command_line import command_parser
-from spec.config import CONFIGS
+from spec.config import CONFIGS, PAPER, AcceleratorConfig
 from spec.effects import with_two_eyes
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
 from spec.paths import BUILD
-from synth import timing
+from synth import timing, whole_report
 from synth.area import AreaReport, machine_area
+from synth.corners import CORNERS, UNCERTAINTY
 from synth.hints import SYNTHESISED
+from synth.liberty import ASAP7
 from synth.report import synthesise_unit, write_json
 from synth.settings import MOST_RUNS, TECHNOLOGIES, Settings
+from synth.whole import time_config
 
 EXAMPLES = """\
 examples:
   %(prog)s                                          a pixel core in NAND2 equivalents, without liberty files
   %(prog)s --unit pixel_core --tech asap7 --clock-ps 1000
   %(prog)s --config paper --stereo --tech asap7     all units of a machine
+  %(prog)s --machine --config v3 --corner slow      the linked machine at ASAP7's slow corner
+  %(prog)s --budget                                 whether the units' stored times add up to one clock; seconds
 """
 
 JOBS = max(1, (os.cpu_count() or 2) // 2)
@@ -78,7 +86,20 @@ def main(argv: Sequence[str] | None = None) -> int:
                         help=f"most runs of a module, each with faster sums; 1: all sums fast at once (default: {MOST_RUNS})")
     parser.add_argument("--out", type=Path, default=BUILD / "synth", metavar="DIR",
                         help="folder for results (default: build/synth)")
+    parser.add_argument("--machine", action="store_true",
+                        help="link all modules of a machine (default: paper) in ASAP7 and time it as one")
+    parser.add_argument("--corner", action="append", metavar="CORNER",
+                        help=f"with --machine: {', '.join(CORNERS)}, or a liberty file with ASAP7's cells; may be repeated "
+                             "(default: all)")
+    parser.add_argument("--uncertainty", type=float, default=UNCERTAINTY,
+                        help=f"with --machine: clock uncertainty as a share of the clock (default: {UNCERTAINTY})")
+    parser.add_argument("--budget", action="store_true",
+                        help="check that the stored times of the units' ports add up to one clock (default: all machines)")
     args = parser.parse_args(argv)
+    if args.machine or args.budget:
+        return _timing(args)
+    if args.corner or args.uncertainty != UNCERTAINTY:
+        raise InputError("corner and uncertainty are accepted with machine only: units are synthesised at the typical corner")
     if args.unit and args.config:
         raise InputError(f"one of unit and config is accepted, not {args.unit!r} and {args.config!r}")
     if args.sets and not args.config:
@@ -101,15 +122,39 @@ def _unit(args: argparse.Namespace) -> Path:
     return args.out / f"{unit}-{Settings(args.tech, args.clock_ps, args.out).label}.json"
 
 
+def _timing(args: argparse.Namespace) -> int:
+    """The linked machine or the budget rule; returns the exit status."""
+    if args.unit or args.tech not in ("generic", ASAP7.name):
+        raise InputError("machine and budget are of a whole machine in ASAP7: unit and tech are not accepted with them")
+    if not 0 <= args.uncertainty < 1:
+        raise InputError(f"uncertainty must be a share of the clock, 0 to 1, not {args.uncertainty!r}")
+    if args.budget:
+        return whole_report.check_budgets([args.config.lower()] if args.config else [], _say)
+    args.config = args.config or PAPER.name
+    config = _config(args)
+    found = time_config(config, args.out, args.jobs, _say, args.runs, args.corner or tuple(CORNERS), args.clock_ps,
+                        args.uncertainty)
+    path = args.out / f"machine-{config.name}{'-stereo' if args.stereo else ''}-{args.clock_ps:.0f}.json"
+    write_json(path, {"config": config_record(config), **whole_report.summary(found)})
+    print("\n".join(whole_report.lines(found)))
+    print(f"wrote {path}")
+    return 0
+
+
+def _config(args: argparse.Namespace) -> AcceleratorConfig:
+    """The machine of the command line."""
+    if args.config.lower() in CONFIGS:
+        args.config = args.config.lower()
+    config = config_from(args)
+    return with_two_eyes(config) if args.stereo else config
+
+
 def _say(line: str) -> None:
     print(line, flush=True)
 
 
 def _machine(args: argparse.Namespace) -> Path:
-    if args.config.lower() in CONFIGS:
-        args.config = args.config.lower()
-    config = config_from(args)
-    config = with_two_eyes(config) if args.stereo else config
+    config = _config(args)
     report = machine_area(config, args.tech, args.clock_ps, args.out, args.jobs, _say, args.runs)
     path = args.out / f"{config.name}{'-stereo' if args.stereo else ''}-{report.technology}-{args.clock_ps:.0f}.json"
     write_json(path, {**report.as_json(), "configuration": config_record(config)})

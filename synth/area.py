@@ -173,10 +173,7 @@ def machine_area(
         InputError: the technology is unknown, the clock is not accepted, or Yosys or liberty files are missing.
     """
     settings = Settings(technology, clock_ps, folder, runs=runs, exact=exact)
-    settings.check()
-    progress(f"{config.name}: elaborating the machine")
-    design = machine_design(config, folder)
-    parts = _synthesise_all(design, settings, jobs, progress)
+    design, parts = mapped(config, settings, jobs, progress)
     memories = tuple(_memory_rows(design, parts, technology))
     rows = tuple(_unit_row(path, group, design, parts, memories, settings)
                  for path, group in UNIT_GROUPS.items() if label(path) in design.texts)
@@ -186,6 +183,20 @@ def machine_area(
     return AreaReport(
         config.name, config.stereo, config.row_width, settings.label, library.node if library else "NAND2 equivalents",
         library.cell_list if library else "two-input NAND, inverter, flip-flop", clock_ps, rows, memories, modules)
+
+
+def mapped(
+    config: AcceleratorConfig, settings: Settings, jobs: int = 2, progress: Callable[[str], None] = print,
+) -> tuple[Design, dict[str, dict]]:
+    """The modules of a machine, and the `module_result` of each, `jobs` of them made at a time.
+
+    Raises:
+        InputError: the settings are not accepted, or Yosys or liberty files are missing.
+    """
+    settings.check()
+    progress(f"{config.name}: elaborating the machine")
+    design = machine_design(config, settings.folder)
+    return design, _synthesise_all(design, settings, jobs, progress)
 
 
 def below(design: Design, name: str) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from rtl.units import TOP, UNITS
-from spec.config import PAPER, PAPER_SMALL, V3, AcceleratorConfig
+from spec.config import PAPER, PAPER_SMALL, V3, V3_STREAMS, AcceleratorConfig
 
 SYNTHESISED = tuple(name for name in UNITS if name != TOP)
 """Units that are synthesised by their names. The whole machine is synthesised unit by unit (`synth.area`)."""
@@ -17,6 +17,9 @@ _OF_SUPERTILES = (
     "pair_colour", "depth_buckets", "pair_writer", "supertile_reader", "record_fetch", "batch_buffer", "batch_array")
 """Units that only machines with chunks or with lists by super-tile have."""
 
+_OF_STREAMS = ("stream_buffer", "row_join", "stream_arrays")
+"""Units that only machines with several streams have."""
+
 _CULLING = {f"culling_units={units}": PAPER.with_(culling_units=units) for units in (4, 2, 1)}
 
 VARIANTS: dict[str, Mapping[str, AcceleratorConfig]] = {
@@ -25,6 +28,7 @@ VARIANTS: dict[str, Mapping[str, AcceleratorConfig]] = {
         "levels=1, depth=False": PAPER_SMALL.with_(levels=1, depth=False)},
     "projection_unit": _CULLING,
     "colour_unit": _CULLING,
+    "supertile_test": {f"streams={V3_STREAMS.streams}": V3_STREAMS},
     "warp_unit": {f"warp_lanes={lanes}": PAPER.with_(warp_lanes=lanes) for lanes in (2, 1)},
 }
 """Further configurations that a unit is reported for, by name."""
@@ -43,4 +47,5 @@ blocks of all other units are chosen from the slack (`synth.report`).
 
 def config_of(unit: str) -> AcceleratorConfig:
     """The configuration that a unit is reported for."""
-    return PAPER_SMALL if unit in _OF_PAPER_SMALL else V3 if unit in _OF_SUPERTILES else PAPER
+    of_units = {_OF_PAPER_SMALL: PAPER_SMALL, _OF_SUPERTILES: V3, _OF_STREAMS: V3_STREAMS}
+    return next((config for units, config in of_units.items() if unit in units), PAPER)

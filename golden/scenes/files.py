@@ -10,6 +10,7 @@ import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -41,10 +42,37 @@ def atomic_output(path: Path | str) -> Iterator[BinaryIO]:
         raise
 
 
-def is_file(path: Path) -> bool:
-    """Whether a path is that of a regular file; False for names that no file can have (too long, or with a NUL)."""
+_only_folder: ContextVar[Path | None] = ContextVar("only_folder", default=None)
+
+
+@contextmanager
+def only_inside(folder: Path) -> Iterator[None]:
+    """Within it, files that are not in the folder or below it, links followed, are refused, even if they do not exist: a scene
+    from a stranger may name any file of the computer."""
+    token = _only_folder.set(folder.resolve())
     try:
+        yield
+    finally:
+        _only_folder.reset(token)
+
+
+def _check_inside(path: Path) -> None:
+    folder = _only_folder.get()
+    if folder is not None and not path.resolve().is_relative_to(folder):
+        raise InputError(f"{path!s:.200}: lies outside {folder}, which --no-outside does not accept")
+
+
+def is_file(path: Path) -> bool:
+    """Whether a path is that of a regular file; False for names that no file can have (too long, or with a NUL).
+
+    Raises:
+        InputError: see `only_inside`.
+    """
+    try:
+        _check_inside(path)
         return path.is_file()
+    except InputError:
+        raise
     except (OSError, ValueError):
         return False
 
@@ -54,9 +82,10 @@ def read_bytes(path: Path) -> bytes:
 
     Raises:
         InputError: the file is missing, unreadable, empty, or no regular file: a folder, a pipe or a device, which might never
-            end.
+            end; or see `only_inside`.
     """
     try:
+        _check_inside(path)
         mode = path.stat().st_mode
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
             raise InputError(f"{path}: is no regular file, but a pipe or a device; a readable file is needed")

@@ -22,14 +22,15 @@ def load_npz(path: Path) -> Dataset:
     """
     try:
         with np.load(path, allow_pickle=False) as archive:
-            arrays = {key: archive[key] for key in archive.files}
+            arrays = {key: np.asarray(archive[key]) for key in archive.files}  # a member that is no array comes as bytes
     except Exception as error:  # numpy, zipfile and zlib raise nearly anything on a broken file
         raise InputError(f"{path}: is not a whole .npz ({error})") from error
     for key, shape in SHAPES.items():
         actual = arrays[key].shape if key in arrays else None
-        fits = actual is not None and len(actual) == len(shape)
+        fits = actual is not None and len(actual) == len(shape) and arrays[key].dtype.kind in "fiu"
         if not fits or any(want not in (None, have) for want, have in zip(shape, actual, strict=True)):
-            raise InputError(f"{path}: {key} has shape {actual}; {shape} is needed (None: any)")
+            kind = f" of {arrays[key].dtype}" if key in arrays else ""
+            raise InputError(f"{path}: {key} has shape {actual}{kind}; numbers of shape {shape} are needed (None: any)")
     views, intrinsics = arrays["viewmats"].astype(np.float64), arrays["Ks"].astype(np.float64)
     if len(views) != len(intrinsics) or not len(views) or len(arrays["means3d"]) != len(arrays["colors"]):
         raise InputError(f"{path}: {len(views)} viewmats, {len(intrinsics)} Ks, {len(arrays['means3d'])} means3d, "

@@ -6,10 +6,12 @@ import argparse
 import hashlib
 import shlex
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
 from golden.diff.gaussians import Gaussians, from_model
+from golden.scenes.files import only_inside
 from golden.scenes.load import EMBEDDED, load_model
 from golden.training.chain import Chain, Interrupted
 from golden.training.failure import room_needed
@@ -43,7 +45,8 @@ def train(args: argparse.Namespace, size: tuple[int, int] | None, device: str) -
     """
     recipe = chosen_recipe(args)
     dense = None if args.source is None else loaded_dense(Path(args.source), device)
-    scene, references = chosen_scene(args.scene, size, dense, args.views)
+    with _reading(args):
+        scene, references = chosen_scene(args.scene, size, dense, args.views)
     if scene.doubtful:
         print(f"warning: {scene.name}: the reconstruction contradicts the poses of {len(scene.doubtful)} of {len(scene)} views "
               "(reprojection error); they neither train nor validate", file=sys.stderr)
@@ -53,6 +56,14 @@ def train(args: argparse.Namespace, size: tuple[int, int] | None, device: str) -
     default = BUILD / "train" / run_name(scene.name, recipe)
     with output_folder(args.out or (default if args.resume else None), default) as out:  # to resume means one certain folder
         return _run(args, recipe, scene, references, dense, device, out)
+
+
+def _reading(args: argparse.Namespace) -> AbstractContextManager[None]:
+    """Within it, with `--no-outside`, a data set's files must lie in its folder."""
+    scene = Path(args.scene)
+    if not getattr(args, "no_outside", False) or str(scene) == EMBEDDED:  # a study's command line has no such option
+        return nullcontext()
+    return only_inside(scene if scene.is_dir() else scene.parent)
 
 
 def _run(
@@ -156,5 +167,6 @@ def resume_command(args: argparse.Namespace, out: Path) -> str:
     ):
         given += [f"--{name}", str(value)] if value != default else []
     given += [] if args.enhancement else ["--no-opacity-enhancement"]
+    given += ["--no-outside"] if getattr(args, "no_outside", False) else []
     given += ["--ship"] if args.ship else []
     return shlex.join(["python", "golden/train.py", *given, "--out", str(out), "--resume"])

@@ -17,6 +17,7 @@ from tqdm import tqdm
 from msv2.cases import golden_faults, rtl, rtl_faults, streams
 from msv2.cases.case import COLUMNS, Case
 from msv2.cases.check import Cell, cell
+from msv2.cases.fuzz import command as fuzz
 from msv2.cases.registry import CASES as SHOT_CASES
 from msv2.cases.report import FaultRow, Result, Row, added, read_record, table, write
 from msv2.cases.streams import MachineCase
@@ -27,6 +28,9 @@ from spec.private import output_folder
 
 CASES: tuple[Case, ...] = tuple(sorted((*SHOT_CASES, *streams.CASES), key=lambda case: case.id))
 """The cases that renderers run, and those of the machine alone."""
+
+FUZZ = "fuzz"
+"""The first word of a command line for the fuzzer."""
 
 GRADIENTS = "msv2.cases.gradients"
 """The module that runs the differentiable renderer, in a process of its own, so that this process needs no torch."""
@@ -40,6 +44,7 @@ examples:
   %(prog)s --columns oracle,golden --no-faults    in a minute, without a simulator
   %(prog)s --case 06-needle-at-the-frustum     one case in all columns
   %(prog)s --columns rtl --add                 the machine; earlier results of other columns are kept
+  %(prog)s fuzz --help                         spoilt files of every format that the project reads
 """
 
 
@@ -114,7 +119,10 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs the command line; returns 1 where a case fails or a fault is not caught."""
+    """Runs the command line; returns 1 where a case fails or a fault is not caught. With `fuzz` first, runs that command."""
+    argv = sys.argv[1:] if argv is None else argv
+    if argv[:1] == [FUZZ]:
+        return fuzz.main(argv[1:])
     args = _arguments(argv)
     columns = args.columns.split(",")
     unknown = [name for name in columns if name not in COLUMNS]

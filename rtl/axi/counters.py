@@ -58,6 +58,9 @@ class PerformanceCounters(wiring.Component):
     """All counters of the machine. Cycles and stages are counted in all phases but IDLE, beats are counted always, and events
     are added when a frame, or the pass of one eye, ends.
 
+    The inputs are registered before anything is counted: the `valid` and `ready` of a stage come late in a cycle, through
+    several units, and a sum behind them would not fit into the same one.
+
     Parameters:
         config: the machine; `stereo` matters here.
 
@@ -69,8 +72,10 @@ class PerformanceCounters(wiring.Component):
         next_pass: strobe: the source eye's pass has ended, and `events` are those of this pass; only with stereo.
         stage_valid, stage_ready: `valid` and `ready` of the stages' input streams, in the order of `spec.registers.stages`.
         read_beats, write_beats: one bit per client, strobes.
-        events: the events of the frame or pass (`events_layout`), which are final when it ends.
-        counters: all counters, for the register file; they are delayed by one cycle, and wrap.
+        events: the events of the frame or pass (`events_layout`), which are final when it ends. Those of a frame are taken in
+            the next cycle, because they stay until the next frame; those of a pass are registered with its end, because the
+            next pass begins in the next cycle.
+        counters: all counters, for the register file; they are delayed by two cycles, and wrap.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -88,28 +93,37 @@ class PerformanceCounters(wiring.Component):
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
+
+        def registered(name: str) -> Signal:
+            seen = Signal.like(getattr(self, name), name=f"{name}_seen")
+            m.d.sync += seen.eq(getattr(self, name))
+            return seen
+
         names = stages(self.config)
         m.submodules.stages = watch = StageCounters(len(names))
-        active = self.phase != Phase.IDLE
+        phase, clear, finished = registered("phase"), registered("clear"), registered("finished")
+        read_beats, write_beats = registered("read_beats"), registered("write_beats")
+        active = phase != Phase.IDLE
         m.d.comb += [
-            watch.valid.eq(self.stage_valid), watch.ready.eq(self.stage_ready), watch.active.eq(active),
-            watch.clear.eq(self.clear)]
+            watch.valid.eq(registered("stage_valid")), watch.ready.eq(registered("stage_ready")), watch.active.eq(active),
+            watch.clear.eq(clear)]
         for i, stage in enumerate(names):
             for what in ("busy", "starved", "blocked"):
                 m.d.comb += self.counters[f"{stage}_{what}"].eq(getattr(watch, what)[i])
 
-        steps: dict[str, Value] = {"cycles_total": active, "frames": self.finished}
-        steps |= {f"cycles_{p.name.lower()}": self.phase == p for p in (Phase.TABLE, Phase.GEOMETRY, Phase.RENDER)}
-        steps |= {f"read_beats_{name}": self.read_beats[i] for i, name in enumerate(read_clients(self.config))}
-        steps |= {f"write_beats_{name}": self.write_beats[i] for i, name in enumerate(write_clients(self.config))}
-        final = self.finished | self.next_pass if self.config.stereo else self.finished
-        steps |= {name: Mux(final, self.events[name], 0) for name in events(self.config)}
+        steps: dict[str, Value] = {"cycles_total": active, "frames": finished}
+        steps |= {f"cycles_{p.name.lower()}": phase == p for p in (Phase.TABLE, Phase.GEOMETRY, Phase.RENDER)}
+        steps |= {f"read_beats_{name}": read_beats[i] for i, name in enumerate(read_clients(self.config))}
+        steps |= {f"write_beats_{name}": write_beats[i] for i, name in enumerate(write_clients(self.config))}
+        final, happened = finished, self.events
         if self.config.stereo:
-            steps["cycles_target"] = active & self.target
-        steps["read_beats"] = self.read_beats.any()  # the bus moves at most one beat per cycle
-        steps["write_beats"] = self.write_beats.any()
+            final, happened = finished | registered("next_pass"), registered("events")
+            steps["cycles_target"] = active & registered("target")
+        steps |= {name: Mux(final, happened[name], 0) for name in events(self.config)}
+        steps["read_beats"] = read_beats.any()  # the bus moves at most one beat per cycle
+        steps["write_beats"] = write_beats.any()
         for name, step in steps.items():
-            _count(m, self.counters[name], step, self.clear)
+            _count(m, self.counters[name], step, clear)
         return m
 
 

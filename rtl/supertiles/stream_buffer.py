@@ -13,7 +13,7 @@ in a cycle, for all streams that want it; streams whose banks are busy wait.
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -122,13 +122,16 @@ class StreamBuffer(BatchBuffer):
         wants = Signal(count)
         grants = [Signal(count, name=f"grants_{b}") for b in range(len(reads))]
         places = [source.payload.address[low:] for source in sources]
+        alike = [[Const(1) if p == q else Signal(name=f"alike_{q}_{p}") for p in range(count)] for q in range(count)]
+        m.d.comb += [same.eq(places[q] == places[p]) for q, row in enumerate(alike) for p, same in enumerate(row) if p != q]
         for b, read in enumerate(reads):
             asks, turned, first, chosen = (Signal(count, name=f"{name}_{b}") for name in ("asks", "turned", "first", "chosen"))
             m.d.comb += [
                 asks.eq(Cat(want & (source.payload.address[:low] == b) for want, source in zip(wants, sources, strict=True))),
                 turned.eq(Cat(asks, asks) >> turn), first.eq(lowest(turned)), chosen.eq((Cat(first, first) << turn)[count:]),
                 read.en.eq(asks.any()), read.addr.eq(select(chosen, places)),
-                grants[b].eq(Cat(ask & (mine == read.addr) for ask, mine in zip(asks, places, strict=True)))]
+                # a stream that wants the chosen one's place: the comparisons do not wait for the choice
+                grants[b].eq(Cat(ask & (Cat(same) & chosen).any() for ask, same in zip(asks, alike, strict=True)))]
         for q, source in enumerate(sources):
             granted = Cat(grant[q] for grant in grants).any()
             moving.append(self._deliver_one(m, q, source, reads, wants[q], granted, released[q]))

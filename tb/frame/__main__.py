@@ -109,9 +109,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     choice("part", args.part, PARTS)
     args.pixels = args.pixels or ("display" if args.stereo else "wide")
     joint = args.stereo and config.supertiles
-    if joint:
-        with_joint_frames(config)  # raises where the machine has one eye, before the scene is read
-    if args.stereo and (args.part, args.pixels) not in (("machine", "display"), *([("machine", "wide")] * joint)):
+    if args.stereo and (args.part, args.pixels) not in (("machine", "display"), *([("machine", "wide")] * config.joint)):
         raise InputError(f"part {args.part!r}, pixels {args.pixels!r} are not accepted with --stereo: 'machine', 'display' are")
     check_row(args)
     options = run_options(args)
@@ -121,6 +119,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         config = config.with_(incremental=options.incremental)
     waves = Waves(*parse_window(args.wave_cycles)) if args.waves else None
     take_stereo_arguments(args, joint=joint)
+    if joint:
+        with_joint_frames(config)  # raises where the machine has one eye, before the scene is read
     if args.part == "array" and config.supertiles:
         raise InputError(f"part 'array' is not accepted: config {config.name!r} has lists by super-tile, whose array takes "
                          "visits of tiles; config 'paper' has the array of this part")

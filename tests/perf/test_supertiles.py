@@ -85,6 +85,9 @@ def test_cycles_of_four_streams_are_the_rtls_within_a_percent():
         super_trace(frame_of(*asked)), V3, memory=MemoryModel("ideal"), display=True, bounds=no_bounds(trace.supertiles))
     assert found.phases["geometry"] == one.phases["geometry"] and found.phases["render"] < 0.9 * one.phases["render"]
     assert found.pairs == one.pairs and found.writes == one.writes
+    halves = simulate_supertiles(trace, V3_STREAMS, memory=MemoryModel("ideal"), display=True, pipeline=False,
+                                 bounds=no_bounds(trace.supertiles))
+    assert found.total < halves.total < 1.5 * found.total and halves.stages["pixel_write"].busy == 1024
 
 
 def test_the_trace_has_the_pairs_of_the_golden_frame(foveated, trace):

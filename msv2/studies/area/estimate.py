@@ -9,7 +9,8 @@ by tile get the logic that reads and tests chunks from the build `v3` (`_chunk_u
 frame packer as it was synthesised alone. Memories are taken from the table of
 shapes (`msv2.studies.area.stores`) and built of macros as in synthesis (`synth.macros`), so that a larger cache costs the
 area of its lines and tags. With several streams, what every array has of its own counts as often: setup, sequencer, rows,
-collection, blending and the masks of batches. What the tile test and the join of rows add is left out: some hundred flip-flops.
+collection and blending; their batch buffer and the join of their rows are the units that were synthesised alone. What the tile
+test adds is left out: some hundred flip-flops.
 For PAPER with the presets' formats, which was synthesised, the estimate is within 1 % of the builds
 (tests/msv2/studies/area/test_estimate.py). Areas are in um^2 at 16 nm.
 """
@@ -210,7 +211,10 @@ def _blending(config: AcceleratorConfig) -> float:
     kept = 0.0
     if config.supertiles:
         units = {row["unit"]: row["logic_um2"] for row in _report("area")["builds"][SUPERTILE_LISTS]["units"]}
-        kept = config.streams * units["render.batches"] + size * units["render.array.state"]
+        batches = units["render.batches"]
+        if config.streams > 1:
+            batches = _synthesised_um2("stream_buffer") + _synthesised_um2("row_join")
+        kept = batches + size * units["render.array.state"]
     return size * (collect * (1 + config.level_banks) / 3 + (blend if config.level_banks == 2 else 0)) + kept
 
 

@@ -7,7 +7,10 @@ from dataclasses import replace
 
 from msv2.studies.area.stores import Store, stores
 from msv2.studies.energy.table import Memory, Unit
-from spec.config import PAPER, V3, AcceleratorConfig
+from spec.config import PAPER, V3, V3_STREAMS, AcceleratorConfig
+
+STREAMED = {"stream_buffer": "batch_buffer"}
+"""Units that were measured with several streams, and the name of their memories, which is that of the unit with one."""
 
 
 def configured(unit: Unit, config: AcceleratorConfig) -> tuple[Memory, ...]:
@@ -19,7 +22,8 @@ def configured(unit: Unit, config: AcceleratorConfig) -> tuple[Memory, ...]:
     equal memories, such as lanes, they share the accesses. A stage that only a longer sorter has is accessed as the measured
     last one.
     """
-    was = _of(unit, PAPER.with_(stereo=config.stereo)) or (_of(unit, V3) if config.supertiles else [])
+    measured = V3_STREAMS if unit.name in STREAMED else V3
+    was = _of(unit, PAPER.with_(stereo=config.stereo)) or (_of(unit, measured) if config.supertiles else [])
     now = {store.name: store for store in _of(unit, config)}
     places, out = _places(unit.memories, was), []
     for number, memory in enumerate(unit.memories):
@@ -40,7 +44,7 @@ def configured(unit: Unit, config: AcceleratorConfig) -> tuple[Memory, ...]:
 
 
 def _of(unit: Unit, config: AcceleratorConfig) -> list[Store]:
-    return [store for store in stores(config) if store.unit == unit.name]
+    return [store for store in stores(config) if store.unit == STREAMED.get(unit.name, unit.name)]
 
 
 def _shared(measured: Sequence[Memory], here: Store) -> list[Memory]:

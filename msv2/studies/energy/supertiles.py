@@ -98,11 +98,28 @@ def super_counts(trace: SuperTrace, cycles: SuperCycles, config: AcceleratorConf
 
 
 def super_table(table: Table, config: AcceleratorConfig = V3) -> Table:
-    """The table of energies for a machine with super-tiles, with what was measured and assumed for it."""
+    """The table of energies for a machine with super-tiles, with what was measured and assumed for it. Where a machine packs
+    frames, the frame is packed."""
     units = [replace(unit, operation=OPERATIONS.get(unit.name, unit.operation), source=_shared(unit))
              for unit in table.units if unit.name not in GONE]
-    own = [replace(unit, operation=DEALT) if unit.name == "batch_buffer" else unit for unit in table.supertile_units]
+    own = [replace(unit, operation=DEALT) if unit.name == "batch_buffer" else unit for unit in table.supertile_units
+           if unit.name not in _other_units(table, config)]
+    if config.packed and any(unit.name == "frame_packer" for unit in own):
+        units = [_resting(unit) if unit.name == "pixel_writer" else unit for unit in units]
     return replace(table, units=(*units, *own, *_stand_ins(table), *_assumed(config)))
+
+
+def _other_units(table: Table, config: AcceleratorConfig) -> set[str]:
+    """The measured units that a machine does not have. Without a measurement of the buffer of several streams, that of one
+    stands for it."""
+    gone = set() if config.packed else {"frame_packer"}
+    streamed = config.streams > 1 and any(unit.name == "stream_buffer" for unit in table.supertile_units)
+    return gone | {"batch_buffer" if streamed else "stream_buffer"}
+
+
+def _resting(unit: Unit) -> Unit:
+    """A unit that does nothing: its clock and its leakage stay."""
+    return replace(unit, dynamic_pj=0.0, switching_pj=0.0, memories=(), source=f"{unit.source}; it rests in packed frames")
 
 
 def _stand_ins(table: Table) -> list[Unit]:

@@ -62,8 +62,9 @@ def measure(mapped: Mapped, unit: str, config: AcceleratorConfig, scene: str, fr
 
 
 def _problems(config: AcceleratorConfig, work: Work, played: gates.Played) -> list[str]:
-    if work.unit == "batch_buffer":  # the rest of an item that ends a visit means nothing
-        played = replace(played, outputs=played.outputs | {"entries": cleared(played.outputs["entries"])})
+    if work.unit in ("batch_buffer", "stream_buffer"):  # the rest of an item that ends a visit means nothing
+        played = replace(played, outputs={
+            port: cleared(rows) if port.startswith("entries") else rows for port, rows in played.outputs.items()})
     if work.unit != "vrc_array":
         return gates.problems(work.plan.expected, played, whole=work.window.whole)
     run = work.plan.run  # the array may give the rows of a tile in any order

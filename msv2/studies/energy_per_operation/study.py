@@ -26,7 +26,7 @@ from msv2.studies.kept import fingerprint, kept
 from msv2.studies.record import commit, liberties, write_report
 from msv2.studies.scenes import MODELS
 from spec.command_line import choice, command_parser
-from spec.config import PAPER, V3, AcceleratorConfig
+from spec.config import PAPER, V3, V3_PACKED, V3_STREAMS, AcceleratorConfig
 from spec.errors import InputError
 from spec.extras import how_to_get
 from spec.paths import ROOT
@@ -44,6 +44,9 @@ PREFIXES = {PAPER.name: "", V3.name: "supertile_"}
 UNITS = {PAPER.name: (*WORK, *DEFAULTS), V3.name: (*SUPER_WORK, *SUPER_DEFAULTS)}
 """The units that are measured, by the machine whose they are."""
 
+MACHINES = {"warp_unit": PAPER.with_(stereo=True), "stream_buffer": V3_STREAMS, "frame_packer": V3_PACKED}
+"""The machines of the units that neither PAPER nor V3 has."""
+
 FOLDER = ROOT / "build" / "power"
 
 
@@ -53,6 +56,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
                         help=f"measure only this unit, and write nothing: {', '.join(sum(UNITS.values(), ()))}")
     parser.add_argument("--machine", default="", choices=("", *UNITS),
                         help="measure only the units of this machine; the others stay as they are in the kept table")
+    parser.add_argument("--again", default="", metavar="UNIT,UNIT",
+                        help="measure only these units; the others stay as they are in the kept table")
     parser.add_argument("--leave-out", default="", metavar="UNIT,UNIT",
                         help=f"units that are not measured, but assumed (docs/energy.md), among {', '.join(STAND_INS)}")
     parser.add_argument("--scenes", default="embedded,truck", help="scenes, separated by commas (default: embedded,truck)")
@@ -90,9 +95,7 @@ def measured(units: Sequence[str], scenes: Sequence[str], args: argparse.Namespa
 
 def machine_of(unit: str) -> AcceleratorConfig:
     """The machine in which a unit is measured."""
-    if unit in UNITS[V3.name]:
-        return V3
-    return PAPER.with_(stereo=True) if unit == "warp_unit" else PAPER
+    return MACHINES.get(unit, V3 if unit in UNITS[V3.name] else PAPER)
 
 
 @cache
@@ -127,9 +130,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     left_out = args.leave_out.split(",") if args.leave_out else []
     for unit in left_out:
         choice("leave-out", unit, tuple(STAND_INS))
-    old, samples, commits = read_json(TABLE) if args.machine else {}, {}, {}
+    again = args.again.split(",") if args.again else []
+    for unit in again:
+        choice("again", unit, sum(UNITS.values(), ()))
+    old, samples, commits = read_json(TABLE) if args.machine or again else {}, {}, {}
     for machine, prefix in PREFIXES.items():
-        if args.machine in ("", machine):
+        if again:
+            kept_rows = [row for row in old[f"{prefix}samples"] if row["unit"] not in again]
+            fresh = [row | {"commit": commit()} for row in measured([u for u in UNITS[machine] if u in again], scenes, args)]
+            samples[machine] = sorted(kept_rows + fresh, key=lambda row: UNITS[machine].index(row["unit"]))
+            commits[machine] = old[f"{prefix}commit"]
+        elif args.machine in ("", machine):
             samples[machine] = measured([unit for unit in UNITS[machine] if unit not in left_out], scenes, args)
             commits[machine] = commit()
         elif not old.get(f"{prefix}samples"):

@@ -22,7 +22,8 @@ DEFAULTS = {
     "frame_controller": ("cycles", 1), "warp_unit": ("warped", 1 / PAPER.warp_lanes)}
 """For each unit that is not simulated, the count that its operations are, and how many cycles an operation takes."""
 
-SUPER_OPERATIONS = {"supertile_test": "tests", "record_fetch": "pairs", "pair_colour": "pairs", "batch_buffer": "entries"}
+SUPER_OPERATIONS = {"supertile_test": "tests", "record_fetch": "pairs", "pair_colour": "pairs", "batch_buffer": "entries",
+                    "stream_buffer": "dealt", "frame_packer": "pixels"}
 """The same for the simulated units that only machines with lists by super-tile have: counts of
 `msv2.studies.energy.supertiles.SuperCounts`."""
 

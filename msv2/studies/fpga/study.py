@@ -55,8 +55,7 @@ SKIPPED = {
     ("paper", "batch_array"): "it is `vrc_array`, whose cores can load their pixels' state, with memories for a super-tile",
     **{(machine, unit): text for machine in ("tiny", "paper") for unit, text in (
         ("stream_buffer", "it is `batch_buffer` with four sets of masks and dealers, and records in banks"),
-        ("stream_arrays", "it is `stream_buffer` with four `batch_array` of a quarter of the cores"),
-        ("row_join", "it is a counter, and multiplexers of two or four rows of pixels"))},
+        ("stream_arrays", "it is `stream_buffer` with four `batch_array` of a quarter of the cores"))},
 }
 """Units that are not tried, by configuration, and why."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,15 +20,22 @@ from golden.scenes.stereo import scene_scale, stereo_pair
 from msv2.studies.kept import fingerprint
 from msv2.studies.scenes import MODELS
 from msv2.studies.scenes import TRAINED_HERE as TRAINED
+from perf.frames import Trace, trace_request
 from perf.gscore import GscoreTrace, gscore_trace
-from perf.supertiles_trace import SuperTrace, trace_request
 from perf.trace import FrameTrace, load_trace, save_trace, trace_of
-from spec.config import PAPER, V3, AcceleratorConfig
+from spec.config import PAPER, V3, V3_RECORDS, V3_STREAMS, AcceleratorConfig
 from spec.constants import ECC_THRESHOLD_DEG
 from spec.errors import InputError
 from spec.paths import ROOT, cache_folder
 
-CACHE, SUPER_CACHE = cache_folder("compared"), cache_folder("traces")
+SPATIAL = PAPER.with_(name="paper_spatial", order="spatial")
+CHUNKS = SPATIAL.with_(name="chunks_wide", chunks=True)
+"""The first steps from PAPER to V3: the order of the model, which is the host's work alone, and chunks of wide records."""
+
+TRACED = (SPATIAL, CHUNKS, V3_RECORDS, V3, V3_STREAMS)
+"""The machines that have traces of their own besides PAPER; packing, buckets and hand-over change no trace."""
+
+CACHE, STEP_CACHE = cache_folder("compared"), cache_folder("traces")
 TWO_EYES = PAPER.with_(stereo=True)
 LEVELS = 4
 
@@ -49,7 +56,7 @@ class Compared:
         other: the trace of the other eye, rendered as a whole.
         warped: the trace of both eyes, with the second one warped beyond the threshold.
         gscore: the first eye's trace for the GSCore-like machine.
-        gathered: the trace of one eye for the machine with lists by super-tile.
+        steps: the traces of one eye for the machines of TRACED, by their names.
         subject: the request, as in the record beside a picture.
     """
 
@@ -60,7 +67,7 @@ class Compared:
     other: FrameTrace
     warped: FrameTrace
     gscore: GscoreTrace
-    gathered: SuperTrace
+    steps: Mapping[str, Trace]
     subject: dict[str, object]
 
 
@@ -108,8 +115,8 @@ def compared(scene: str, size: str, camera: str = "orbit", *, config: Accelerato
         with atomic_output(folder / "gscore.npz") as file:
             np.savez_compressed(file, **found[3]._asdict())
     name = Path(scene).stem + ("" if camera == "orbit" else f", view {camera}")
-    gathered = trace_request(args, V3, cache=SUPER_CACHE)
-    return Compared(name, scene, scene in TRAINED, *found, gathered, found[0].record)
+    steps = {machine.name: trace_request(args, machine, cache=STEP_CACHE) for machine in TRACED}
+    return Compared(name, scene, scene in TRAINED, *found, steps, found[0].record)
 
 
 def _key(args: argparse.Namespace, config: AcceleratorConfig) -> str:

@@ -10,10 +10,11 @@ from msv2.studies.energy.frame import Table, frame_energy, load_table, model_cou
 from msv2.studies.memory import ALL_NAMES, IDEAL, LPDDR3, UNLIMITED, memory_arguments
 from msv2.studies.performance.frames import Compared
 from msv2.studies.performance.gpu import gpu_frame
+from msv2.studies.v3.supertiles import STREAMS_PACKED
 from perf.gscore import GscoreConfig, gscore_cycles
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.trace import FrameTrace
-from spec.config import PAPER, PAPER_BASE, AcceleratorConfig
+from spec.config import PAPER, PAPER_BASE, V3, AcceleratorConfig
 from spec.memory import DRAM_BYTES_PER_CYCLE
 
 CLOCK_HZ = 1e9
@@ -50,6 +51,13 @@ BASE, BOTH = MACHINES[0], MACHINES[-1]
 LOCKSTEP = Machine(PAPER_BASE.name, False, False, lockstep=True)
 """Our reading of the paper's baseline."""
 
+SUPER, SUPER_BASE = V3.name, f"{V3.name}, double buffers"
+"""The machine with lists by super-tile as it is, and without merging and line buffers (`msv2 perf --pipeline 0 --merge 0`),
+both for one eye."""
+
+WHOLE = STREAMS_PACKED.name
+"""The machine with all that is built for one eye (`msv2.studies.performance.steps`)."""
+
 TWO_BASE, TWO_BOTH, WARPING = "base, two eyes", "merging+pipelining, two eyes", "merging+pipelining+warping"
 GSCORE, GPU = "GSCore-like", "mobile GPU (modelled)"
 GEOMETRY_READS, GEOMETRY_WRITES = ("geometry", "colour"), ("entries", "views")
@@ -70,7 +78,8 @@ class Run:
         dram_bytes: the bytes moved.
         chip_mj, dram_mj: energies; None where they are not known.
         floor: a lower bound on the frame's cycles (`floor_cycles`).
-        array: the share of the rendering phase in which the array has work.
+        array: the share of the rendering phase in which the array has work, or arrays have on average.
+        busy: the share of the frame in which each stage has work, by the stage's name; None where it is not told.
     """
 
     machine: str
@@ -87,6 +96,7 @@ class Run:
     dram_mj: float | None = None
     floor: float | None = None
     array: float | None = None
+    busy: dict[str, float] | None = None
 
 
 @cache

@@ -15,13 +15,19 @@ from msv2.studies.performance.machines import (
     LOCKSTEP,
     MACHINES,
     MEMORIES,
+    PEAK,
+    SUPER,
+    SUPER_BASE,
     TWO_BASE,
     TWO_BOTH,
     WARPING,
+    WHOLE,
 )
 from msv2.studies.performance.summary import PAPER, SAME_RATE, geomean
-from msv2.studies.performance.supertiles import SUPER, SUPER_BASE
 from msv2.studies.performance.tiles import NEVER, READINGS
+from spec.config import V3_RECORDS
+
+NONE = "-"
 
 table = partial(pages.table, left=1)
 
@@ -36,7 +42,8 @@ def page(content: Mapping, pictures: Sequence[str]) -> str:
         "The paper and ours": _paper(content), "What was to be reached": _goals(content),
         "Speed over base": _speeds(content, "speedup"),
         "Speed of the rendering phase over base's": _speeds(content, "speedup_render"),
-        "The paper's base": _lockstep(content), "Frames and floors": _frames(content), "Two eyes": _two_eyes(content),
+        "Steps of the machine": _steps(content), "The paper's base": _lockstep(content),
+        "Frames and floors": _frames(content), "Two eyes": _two_eyes(content),
         "GSCore-like machine at equal area": _gscore(content) + _picture("area", pictures),
         "Mobile GPU": _gpu(content), "Energy": _energy(content) + _picture("bars", pictures), "Full HD": _full_hd(content),
         "Splats in a tile": _tiles(content) + _picture("tiles", pictures),
@@ -55,7 +62,7 @@ def _where(row: Mapping) -> str:
 
 
 def _number(value: float | None, digits: int = 2) -> str:
-    return "-" if value is None else f"{value:,.{digits}f}"
+    return NONE if value is None else f"{value:,.{digits}f}"
 
 
 def _run(frame: Mapping, machine: str, memory: str) -> Mapping:
@@ -85,9 +92,10 @@ def _paper(content: Mapping) -> str:
 
 
 def _goals(content: Mapping) -> str:
-    rows = [(g["goal"], f"{g['wanted']:.2f}", _number(g["found"], 3), "yes" if g["reached"] else "**no**", f"{g['frames']}")
+    rows = [(g["goal"], f"{'≥' if g['least'] else '≤'} {g['wanted']:.2f}", _number(g["found"], 3),
+             "yes" if g["reached"] else "**no**", f"{g['frames']}")
             for g in content["goals"]]
-    return table(("goal", "at least", "found", "reached", "frames"), rows)
+    return table(("goal", "wanted", "found", "reached", "frames"), rows)
 
 
 def _speeds(content: Mapping, key: str) -> str:
@@ -102,6 +110,38 @@ def _speeds(content: Mapping, key: str) -> str:
         f"\n\nWith warping: two eyes over base with two rendered eyes. `{SUPER}` has lists by super-tile, and the bounds of a "
         "camera that stands still; with double buffers it merges no lists, either (`--pipeline 0 --merge 0`). "
         f"{_SAME_RATE}.")
+
+
+def _steps(content: Mapping) -> str:
+    """The whole machine, what it loses without each step, and what its stages do."""
+    shown, names = (LPDDR3, IDEAL), [ALL_NAMES[memory] for memory in (LPDDR3, IDEAL)]
+    rows = [(f"`{row['machine']}`", row["without"] or "nothing",
+             *(_number(row[key][memory], 3) for key in ("over_source", "of_whole") for memory in shown),
+             *(_number(row[key], 3) for key in ("bytes_gain", "energy_gain", "mm2_16nm")),
+             *(_number(row["gscore_like_gain"][memory]) for memory in shown)) for row in content["steps"]]
+    head = ("machine", "without",
+            *(f"speed over {of}, {name}" for of in (f"`{content['config']}`", "the first") for name in names),
+            "bytes, times fewer", "energy, times less", "mm² at 16 nm",
+            *(f"over GSCore-like of equal area, {name}" for name in names))
+    busy = []
+    for frame in content["frames"]:
+        for memory in shown:
+            run = _run(frame, WHOLE, memory)
+            most = sorted(run["busy"].items(), key=lambda stage: -stage[1])[:3]
+            busy.append((frame["name"], ALL_NAMES[memory], f"{run['cycles']:,}", f"{run['geometry']:,}", f"{run['render']:,}",
+                         f"{100 * run['dram_bytes'] / (PEAK[memory] * run['cycles']):.0f}", f"{100 * run['array']:.0f}",
+                         ", ".join(f"{name} {100 * share:.0f}" for name, share in most)))
+    return (
+        "Geometric means over the frames. The first machine has everything that is built for one eye: four arrays, packed "
+        "frames, lists by super-tile with depth buckets, compact records in chunks. Each row below takes one step away. From "
+        f"`{V3_RECORDS.name}` on, a machine also lacks all that needs this step; the last one is the source. Bytes and energy "
+        f"of chip and DRAM are with {ALL_NAMES[LPDDR3]}, over `{content['config']}`. Areas are synthesised where "
+        "reports/area.json has the build, and else estimated (`msv2.studies.area.estimate`); the GSCore-like machine is scaled "
+        f"to each of them. {_SAME_RATE}.\n\n" + table(head, rows, left=2) +
+        f"\n\nWhat bounds a frame of `{WHOLE}`, in per cent: the share of the memory's peak that it gets, the share of the "
+        "rendering phase in which its arrays work, and its busiest stages with the share of the frame in which they do.\n\n"
+        + table(("frame", "memory", "cycles", "geometry", "rendering", "memory", "arrays", "busiest stages"), busy, left=2,
+                words=("busiest stages",)))
 
 
 def _lockstep(content: Mapping) -> str:
@@ -163,6 +203,8 @@ def _gscore(content: Mapping) -> str:
         return ("No reports/area.json is there (`make report-area`), so areas are not known; at the published size the machine "
                 "is in the tables of speed.")
     parts = [f"`{content['config']}`:\n\n{_equal(content['equal_area'])}"]
+    if content["equal_area_whole"]:
+        parts.append(f"`{WHOLE}`, whose area is an estimate:\n\n{_equal(content['equal_area_whole'])}")
     if content["equal_area_supertiles"]:
         parts.append(f"`{SUPER}`:\n\n{_equal(content['equal_area_supertiles'])}")
     else:

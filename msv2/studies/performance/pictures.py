@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from msv2.studies.memory import ALL_NAMES, IDEAL, LPDDR3, UNLIMITED
-from msv2.studies.performance.machines import BOTH, GPU, GSCORE, LOCKSTEP, MACHINES, MEMORIES, WARPING
-from msv2.studies.performance.supertiles import SUPER
+from msv2.studies.performance.machines import BOTH, GPU, GSCORE, LOCKSTEP, MACHINES, MEMORIES, SUPER, WARPING
 from msv2.studies.picture import find_pyplot, save_figure
 from perf.model import FrameCycles
 from spec.stages import StagePhase, watched

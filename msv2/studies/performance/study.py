@@ -25,10 +25,23 @@ from msv2.studies.page import write_page
 from msv2.studies.performance import area, gpu, summary
 from msv2.studies.performance.frames import LEVELS, Compared, compared, default_frames, scene_file, scenes_here
 from msv2.studies.performance.fullhd import full_hd
-from msv2.studies.performance.machines import BASE, BOTH, CLOCK_HZ, MACHINES, MEMORIES, PEAK, Run, rows, run_all
+from msv2.studies.performance.machines import (
+    BASE,
+    BOTH,
+    CLOCK_HZ,
+    MACHINES,
+    MEMORIES,
+    PEAK,
+    SUPER,
+    WHOLE,
+    Run,
+    rows,
+    run_all,
+)
 from msv2.studies.performance.page import page
 from msv2.studies.performance.pictures import draw
-from msv2.studies.performance.supertiles import SUPER, run_super
+from msv2.studies.performance.steps import STEPS, over_gscore, run_steps, step_areas
+from msv2.studies.performance.steps import summary as step_summary
 from msv2.studies.performance.sweeps import at_equal_area, bandwidth_rows, iso_area, sweeps
 from msv2.studies.performance.tiles import tile_granular
 from msv2.studies.progress import Progress
@@ -106,20 +119,23 @@ def measure(scenes: Sequence[str], size: str, hd: bool, folder: Path) -> tuple[d
     found, areas, swept = [], area.load_area(), []
     known: dict[str, float] = area.known_mm2(areas)
     equal: dict[str, list[dict[str, object]]] = {"equal_area": [], "equal_area_supertiles": []}
+    step_mm2, by_step = step_areas(), {}
     todo = list(default_frames(list(scenes) or here))
     progress = Progress(f"performance_{size}", steps_of(todo, scenes, hd))
     for scene, camera in todo:
         with progress.step(f"{scene}, {camera}: traces"):
             frame = compared(scene, size, camera)
         with progress.step(f"{scene}, {camera}: machines"):
-            runs = [*run_all(frame)[0],
-                    *(run_super(frame, memory, whole=whole) for memory in MEMORIES for whole in (True, False))]
+            runs = [*run_all(frame)[0], *run_steps(frame)]
         found.append(frame_rows(frame, runs))
         for key, name, config in (("equal_area", BOTH.name, PAPER), ("equal_area_supertiles", SUPER, V3)):
             equal[key] += at_equal_area(frame, [r for r in runs if r.machine == name], known.get(config.name))
+        for name, compared_rows in over_gscore(frame, runs, step_mm2).items():
+            by_step.setdefault(name, []).extend(compared_rows)
         if is_swept(scene, camera, scenes):
             swept.append(frame)
         print(f"{frame.name}: {', '.join(f'{r.machine} {r.cycles:,.0f}' for r in runs[:len(MACHINES)])} cycles", flush=True)
+    equal["equal_area_whole"] = by_step[WHOLE]
     over: dict[str, list[dict[str, object]]] = {"iso_area": [], "bandwidth": [], "sweeps": []}
     for frame in swept:
         with progress.step(f"{frame.scene}: sweeps"):
@@ -139,8 +155,7 @@ def measure(scenes: Sequence[str], size: str, hd: bool, folder: Path) -> tuple[d
         "size": size, "levels": LEVELS, "config": PAPER.name, "clock_hz": CLOCK_HZ, "missing": [] if scenes else missing,
         "trained": sorted({f["scene"] for f in found if f["trained"]}), "model_error": model_error(),
         "frames": found, "means": means, "beside_paper": summary.beside_paper(found, means, **equal),
-        "goals": summary.goals(found, means, **equal), **equal,
-        **over,
+        "goals": summary.goals(found, means, **equal), "steps": step_summary(found, by_step, step_mm2), **equal, **over,
         "area_source": build and f"reports/area.json, `{PAPER.name}`: build `{build[0]}` of commit {build[1].get('commit')}",
         "timeline": {"frame": swept[0].name, "memory": MEMORIES[0], "folder": str(folder.relative_to(ROOT)),
                      "machines": [{"machine": name, "groups": f.groups, "render": f.phases["render"]}
@@ -162,9 +177,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     out, traces = make_folder(args.out), make_folder(ROOT / "build" / "report")
     content, shown = measure(args.scene, args.size, hd, traces)
     content = {"commit": commit(), "command": command(__name__), **content}
-    inputs = [REPORTS / f"{name}.json" for name in ("area", "energy_per_operation", "model")]
+    inputs = [REPORTS / f"{name}.json" for name in ("area", "culling_area", "synthesis", "energy_per_operation", "model")]
     scenes = [scene_file(scene) for scene in (args.scene or scenes_here()[0]) if scene != EMBEDDED]
-    machines = {config.name: config for config in (PAPER, PAPER_BASE, V3)}
+    machines = {config.name: config for config in (PAPER, PAPER_BASE, *(step.config for step in STEPS))}
     write_report(out / "performance.json", content, [__name__], {"arguments": args, "machines": machines},
                  [*inputs, *filter(None, scenes)])
     pictures = draw(content, shown, out)

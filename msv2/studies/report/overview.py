@@ -75,7 +75,7 @@ def goals_sentence(content: Mapping) -> str:
     missed = [goal for goal in goals if not goal["reached"]]
     text = f"{len(goals) - len(missed)} of the {len(goals)} goals are reached on these frames."
     if missed:
-        worst = min(missed, key=lambda goal: goal["found"] / goal["wanted"])
+        worst = min(missed, key=lambda goal: (goal["found"] / goal["wanted"]) ** (1 if goal["least"] else -1))
         text += f" Missed most: {worst['goal']} ({worst['found']:.2f}, wanted {worst['wanted']:.2f})."
     return text
 

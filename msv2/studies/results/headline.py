@@ -40,13 +40,15 @@ def headline_table(reports: Reports) -> str | None:
 
 
 def _exactness(reports: Reports) -> Iterable[Row]:
-    frames = [row for name in ("frames", "frames_v3", "frames_streams") for row in reports.get(name, {}).get("rows", ())]
+    frames = [row for name in ("frames", "frames_v3", "frames_streams", "frames_eyes")
+              for row in reports.get(name, {}).get("rows", ())]
     views = of_scenes(reports["accuracy"]["rows"], trained=False)
     machines = " and ".join(f"`{_machine(reports[name])}`" for name in ("frames", "frames_v3") if name in reports)
     exact, pixels = sum(f["bit_exact"] for f in frames), sum(f["pixels_checked"] for f in frames)
     yield ("frames of the RTL equal to the golden renderer", "-", f"{exact} of {len(frames)}",
            f"every bit of {pixels:,} pixels, and every counter, on {machines}"
-           + (", also with four arrays and packed frames" if "frames_streams" in reports else ""))
+           + (", also with four arrays and packed frames" if "frames_streams" in reports else "")
+           + (", and of both eyes in one list" if "frames_eyes" in reports else ""))
     worst = {records: worst_db(views, records) for records in BUDGETS_DB}
     yield ("integer golden renderer against float64", "-", f"{worst['wide']:.1f} dB or more; {worst['compact']:.1f} dB with "
            "compact records", f"the worst of {sum(row['records'] == 'wide' for row in views)} views; the budgets are "

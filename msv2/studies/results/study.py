@@ -3,8 +3,8 @@
     msv2 study run results                      everything except training; it takes hours if nothing is cached, and reads
                                                 scenes from MSV2_DATA and liberty files from MSV2_PDK
     msv2 study run results --keep               the same into reports/, and the tables of README.md and docs/ from there
-    msv2 study run results --only frames        one part: accuracy, frames, frames_v3, frames_streams, machine, sorting,
-                                                order, latencies, synthesis, culling_area, colour, bench
+    msv2 study run results --only frames        one part: accuracy, frames, frames_v3, frames_streams, frames_eyes,
+                                                machine, sorting, order, latencies, synthesis, culling_area, colour, bench
     msv2 study run results --only training      the tables of training, of the embedded scene and of posed/fern in MSV2_DATA;
                                                 it takes hours, but finished runs in build/train are not trained again
     msv2 study run results --only synthesis --unit splat_fetch    the row of one unit; the other rows stay
@@ -41,7 +41,7 @@ from msv2.studies.results.tables import PAGES, fill
 from msv2.studies.rtl_frame import AWAY, INSIDE, kept_frame
 from msv2.studies.rtl_frame import COMMAND as FRAME_COMMAND
 from msv2.studies.scenes import BENCH, EXACT, EXACT_LARGE, ORDER, SPEED, TRAINING, View, available, places
-from spec.config import PAPER, V3, V3_STREAMS, AcceleratorConfig
+from spec.config import PAPER, V3, V3_EYES, V3_STREAMS, AcceleratorConfig
 from spec.errors import InputError
 from spec.paths import REPORTS, ROOT
 
@@ -62,7 +62,7 @@ SYNTHESISED = (
     "axi_master", "register_file", "float_add", "float_mul", "float_divide", "float_reciprocal", "float_rsqrt", "float_sqrt",
     "fixed_to_float", "float_to_fixed", "chunk_header_reader", "chunk_reader", "geometry_decode", "level_bounds", "chunk_test",
     "supertile_clip", "supertile_test", "depth_buckets", "pair_writer", "supertile_reader", "record_fetch", "pair_colour",
-    "batch_buffer")
+    "batch_buffer", "stream_buffer", "row_join")
 """The units of the area table. `batch_array` is not among them: reports/area.md has its parts."""
 
 SYNTHESIS_KEYS = ("area_um2", "area_per_core_um2", "cells", "clock_ps", "slack_ps", "zero_slack_ps", "derated_ps",
@@ -118,6 +118,13 @@ def measure_frames_streams(scene: str | None = None) -> None:
     wanted = [(of, "--config", V3_STREAMS.name, "--set", "packed=1", "--pixels", "packed")
               for view in EXACT for of in (replace(view, gaze=None), view)]
     _write_frames("frames_streams", wanted, {"config": machine}, EXACT, scene)
+
+
+def measure_frames_eyes(scene: str | None = None) -> None:
+    """Writes reports/frames_eyes.json: joint frames of both eyes on `v3_eyes`."""
+    wanted = [(of, "--config", V3_EYES.name, "--stereo", "--pixels", "display") for view in EXACT
+              for of in (replace(view, gaze=None), view)]
+    _write_frames("frames_eyes", wanted, {"config": V3_EYES}, EXACT, scene)
 
 
 def measure_machine() -> None:
@@ -221,7 +228,7 @@ def _kept() -> list[str]:
 PARTS = {
     "accuracy": lambda: run("-m", "msv2.studies", "accuracy", *_kept()),
     "frames": measure_frames, "frames_v3": measure_frames_v3,
-    "frames_streams": measure_frames_streams, "machine": measure_machine,
+    "frames_streams": measure_frames_streams, "frames_eyes": measure_frames_eyes, "machine": measure_machine,
     "sorting": lambda: run("-m", "msv2.studies", "sorting", *_kept()), "order": measure_order,
     "latencies": lambda: run("-m", "msv2.studies", "latencies", *_kept()),
     "synthesis": measure_synthesis, "culling_area": lambda: run("-m", "msv2.studies", "culling_area", *_kept()),
@@ -229,7 +236,8 @@ PARTS = {
 }
 """The parts of everything, in this order."""
 
-OF_SCENES = {"frames": measure_frames, "frames_v3": measure_frames_v3, "frames_streams": measure_frames_streams}
+OF_SCENES = {"frames": measure_frames, "frames_v3": measure_frames_v3, "frames_streams": measure_frames_streams,
+             "frames_eyes": measure_frames_eyes}
 """The parts that can be measured for one scene alone."""
 
 ON_REQUEST = {"training": measure_training}
@@ -243,7 +251,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--unit", choices=SYNTHESISED, action="append",
                         help="with --only synthesis, update only this row; may be given several times")
     parser.add_argument("--scene", choices=sorted({view.scene for view in (*EXACT, *EXACT_LARGE)}),
-                        help="with --only frames, frames_v3 or frames_streams, update only the rows of this scene")
+                        help="with --only frames, frames_v3, frames_streams or frames_eyes, update only the rows of this scene")
     parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where a page is stale")
     args = parser.parse_args(argv)
     if args.unit and args.only != "synthesis":

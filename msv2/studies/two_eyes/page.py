@@ -11,7 +11,7 @@ from msv2.studies.page import table
 from msv2.studies.performance.summary import geomean
 from msv2.studies.two_eyes.headset import section
 from msv2.studies.two_eyes.measure import ARRAYS, MACHINES, ONE, SHARED, TWO
-from spec.config import PAPER, V3
+from spec.config import PAPER, V3, V3_EYES
 
 Row = Mapping[str, Any]
 
@@ -67,10 +67,10 @@ def page(content: Mapping[str, Any]) -> str:
           _number(f["two_eyes_gain"], 2), _number(f["two_eyes_gain_shared"], 2)) for f in found], 2)
     parts = [
         "# Two eyes from one set of lists", "Written by `msv2 study run two_eyes`. docs/stereo.md describes joint frames, and "
-        "docs/formats.md defines them.\n\nThe integer renderer and the cycle model have joint frames. **The RTL has none**, "
-        "and refuses them: nothing here has been compared with RTL, and no area is stated. The frames are those of "
-        "reports/v3.md: four levels and the gaze in the centre of the left eye, which is the source; the right eye looks at "
-        "the same point.",
+        "docs/formats.md defines them.\n\nThe cycles are those of the cycle model, for display pixels that are **not "
+        f"packed**: joint frames cannot be packed yet. `{V3_EYES.name}` is the machine whose RTL renders joint frames "
+        "(reports/frames_eyes.json). The frames are those of reports/v3.md: four levels and the gaze in the centre of the left "
+        "eye, which is the source; the right eye looks at the same point.",
         "## Cycles",
         f"Geometric means over the frames. The phases of a frame follow each other. The goals are a share of at most "
         f"{SHARE_GOAL:.2f} and a gain of at least {GAIN_GOAL}. `{V3.name}` has one array; four arrays of a quarter of its "

@@ -9,7 +9,7 @@ from golden.scenes.load import EMBEDDED
 from golden.scenes.request import parse_size
 from msv2.studies.energy.frame import Table, frame_energy, model_counts
 from msv2.studies.memory import IDEAL, LPDDR3, memory_arguments
-from msv2.studies.performance.frames import request, scene_file
+from msv2.studies.performance.frames import CHUNKS, SPATIAL, request, scene_file
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.trace import FrameTrace, trace_request
 from spec.config import PAPER, V3_RECORDS, AcceleratorConfig
@@ -18,8 +18,6 @@ from spec.paths import cache_folder
 CACHE = cache_folder("traces")
 CLOCK_HZ = 1e9
 
-SPATIAL = PAPER.with_(name="paper_spatial", order="spatial")
-CHUNKS = SPATIAL.with_(name="chunks_wide", chunks=True)
 MACHINES = {
     PAPER.name: PAPER, "paper, spatial order": SPATIAL, "chunks, wide records": CHUNKS, V3_RECORDS.name: V3_RECORDS}
 """The machines by name, each with one change more than the one before it."""

@@ -92,8 +92,9 @@ def _packed(content: Mapping[str, Any]) -> str:
     head = ("frame", *(f"{MEMORY_NAMES[memory]} cycles" for memory in MEMORIES), "bytes", "share of the frame")
     lines.append(("geometric mean", *(f"{over[key]:.3f}" for key in ("lpddr3_gain", "ideal_gain", "bytes_gain")), ""))
     return "\n\n".join((
-        "## Packed frames", f"`{V3_PACKED.name}`, which packs frames for displays, over `{V3.name}`; the energy of packing is "
-        "not measured.", table(head, lines, left=1)))
+        "## Packed frames", f"`{V3_PACKED.name}`, which packs frames for displays, over `{V3.name}`. The energy of "
+        "packing counts in rows that were measured since reports/energy_per_operation.json has the frame packer.",
+        table(head, lines, left=1)))
 
 
 def _streams(content: Mapping[str, Any]) -> str:
@@ -103,10 +104,14 @@ def _streams(content: Mapping[str, Any]) -> str:
         return ""
     name, eyes = STREAMS_PACKED.name, ""
     if step["two_eyes_gain"] is not None:
-        eyes = (" Both eyes in joint frames (reports/two_eyes.md: cycle model only, not packed) take "
+        eyes = (" Both eyes in joint frames (reports/two_eyes.md: not packed) take "
                 f"{step['two_eyes_gain']:.2f} times fewer LPDDR3 cycles than two frames of `{PAPER.name}`, "
                 f"{step['two_eyes_gain_ideal']:.2f} with the ideal memory; the second eye costs "
                 f"{step['second_eye_share']:.2f} and {step['second_eye_share_ideal']:.2f} of the first.")
+    if step.get("gscore_like_gain") is not None:
+        eyes += (" Over a GSCore-like machine of equal area it is "
+                 f"{step['gscore_like_gain']:.2f} times as fast with LPDDR3, and {step['gscore_like_gain_ideal']:.2f} times "
+                 "with the ideal memory, on the frames of reports/performance.md.")
     return "\n\n".join((
         "## Four arrays", f"`{name}` is `{V3.name}` with four arrays, each with a stream of the batch of its own, and packed "
         f"frames. The first row is over `{PAPER.name}`, the second over `{V3.name}`.{eyes}",

@@ -8,6 +8,7 @@ examples:
   msv2 study run v3                                   all frames, orders and photographs
   msv2 study run v3 embedded --size 320x180           one frame
   msv2 study run v3 --orders 0 --photographs 0        the frames alone
+  msv2 study run v3 --anew --keep                     nothing: goals, steps and page of the kept rows, beside today's reports
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from golden.scenes.files import read_json
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import make_folder, parse_size
 from msv2.studies.energy.table import TABLE, load_table
+from msv2.studies.overlap import page as overlap_page
 from msv2.studies.page import write_page
 from msv2.studies.performance.frames import scene_file
 from msv2.studies.progress import Progress
@@ -29,9 +31,11 @@ from msv2.studies.v3 import frames, orders, photographs, summary, supertiles
 from msv2.studies.v3.page import page
 from spec.command_line import command_parser
 from spec.config import V3, V3_PACKED, V3_STREAMS
+from spec.errors import InputError
 from spec.paths import REPORTS
 
-REPORT, EYES = REPORTS / "v3.json", REPORTS / "two_eyes.json"
+REPORT, EYES, OVERLAP, MACHINES = (REPORTS / f"{name}.json" for name in ("v3", "two_eyes", "overlap", "performance"))
+"""The report itself, and those of which it shows numbers: joint frames, overlapped phases, and machines like GSCore."""
 
 SUPERTILES = {V3: (V3, V3_PACKED), V3_STREAMS: (supertiles.STREAMS_PACKED,)}
 """The machines with lists by super-tile, by the one whose traces they take."""
@@ -45,6 +49,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--photographs", default="1", choices=("0", "1"), help="measure against photographs (default: 1)")
     parser.add_argument("--turns", default="1", choices=("0", "1"),
                         help="measure how well the bounds of depth buckets suit the next frame (default: 1)")
+    parser.add_argument("--anew", action="store_true",
+                        help="measure nothing: summarise the rows of the kept report anew, and write its page")
     parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",
                         help="output folder (default: build/reports; --keep: reports)")
     return parser.parse_args(argv)
@@ -83,17 +89,31 @@ def measure(args: argparse.Namespace, old: Mapping[str, Any]) -> dict[str, Any]:
         with progress.step(f"photographs: {scene}"):
             photo_rows += photographs.photo_rows(scene, run)
     photo_rows += _kept(old, missing_runs)
-    return {
+    return summarised({
         "clock_hz": frames.CLOCK_HZ, "missing": missing,
         "missing_runs": [scene for scene in missing_runs if scene not in {row["scene"] for row in photo_rows}],
-        "ordered": [subject.name for subject in ordered], "goals": summary.goals(rows, photo_rows, overflow),
-        "steps": summary.steps(rows, photo_rows, overflow, _eyes()), "frames": rows, "photographs": photo_rows,
-        "orders": summary.order_means(order_rows), "order_frames": order_rows}
+        "ordered": [subject.name for subject in ordered], "goals": [], "steps": {}, "frames": rows, "photographs": photo_rows,
+        "orders": [], "order_frames": order_rows}, overflow)
 
 
-def _eyes() -> Mapping[str, Any]:
-    """The summary of the report of joint frames; empty without it."""
-    return read_json(EYES)["summary"] if EYES.is_file() else {}
+def summarised(content: Mapping[str, Any], overflow: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """A report's content with goals, steps and means of its rows, and with what stands in other reports beside them."""
+    rows, photo_rows = content["frames"], content["photographs"]
+    return {**content, "goals": summary.goals(rows, photo_rows, overflow),
+            "steps": {**summary.steps(rows, photo_rows, overflow, _beside(EYES, "summary"), _beside(MACHINES, "steps")),
+                      **_overlap_step()},
+            "orders": summary.order_means(content["order_frames"])}
+
+
+def _beside(report: Path, key: str) -> Any:
+    """A part of another report; empty without it."""
+    return read_json(report).get(key, {}) if report.is_file() else {}
+
+
+def _overlap_step() -> dict[str, Any]:
+    """The step of overlapped phases, from their report, if that is there."""
+    found = _beside(OVERLAP, "summary")
+    return {"overlap": overlap_page.steps(found, supertiles.STREAMS_PACKED.name, summary.FOUR_ARRAYS)} if found else {}
 
 
 def _kept(old: Mapping[str, Any], scenes: Sequence[str]) -> list[Mapping[str, Any]]:
@@ -108,12 +128,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         parse_size(size)
     out = make_folder(args.out)
     old = read_json(REPORT) if REPORT.is_file() and not args.scene else {}
-    content = measure(args, old)
+    if args.anew and not old:
+        raise InputError(f"--anew is not accepted: {REPORT} is not there, or a scene is named")
+    content = measure(args, old) if not args.anew else summarised(
+        {key: value for key, value in old.items() if key != "provenance"}, old["steps"]["supertiles"]["overflow"])
     scenes = [scene_file(scene) for scene in args.scene or frames.SCENES if scene != EMBEDDED]
     machines = frames.MACHINES | {config.name: config for configs in SUPERTILES.values() for config in configs}
     write_report(out / "v3.json", content, [__name__], {"arguments": args, "machines": machines},
-                 [TABLE, EYES, *filter(None, scenes), *(run / "model.ply" for run in photographs.runs_here()[0].values())],
-                 earlier=old if _kept(old, photographs.runs_here()[1]) else None)
+                 [TABLE, EYES, OVERLAP, MACHINES, *filter(None, scenes),
+                  *(run / "model.ply" for run in photographs.runs_here()[0].values())],
+                 earlier=old if args.anew or _kept(old, photographs.runs_here()[1]) else None)
     write_page(out / "v3.md", page(content))
     for goal in content["goals"]:
         found = "not measured" if goal["found"] is None else f"{goal['found']:.4f}"

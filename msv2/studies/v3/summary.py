@@ -22,6 +22,10 @@ SUPER_BYTES_GOAL, SUPER_CAPTURED_GOAL, SUPER_IDEAL_GOAL, SUPER_LPDDR3_GOAL, OVER
 """The same of `v3`, with lists by super-tile: bytes of all frames, and at least of each captured scene at CAPTURED_SIZE;
 cycles with the ideal memory and with LPDDR3; and the largest share of pairs in lists that the sorter cannot hold at once."""
 
+WHOLE_BYTES_GOAL, WHOLE_IDEAL_GOAL, WHOLE_LPDDR3_GOAL, WHOLE_DRAM_GOAL = 2.9, 2.6, 3.0, 2.7
+"""The same of the machine with four arrays and packed frames: bytes, cycles with the ideal memory and with LPDDR3, and the
+energy of DRAM."""
+
 CAPTURED_SIZE = "640x360"
 
 FOUR_ARRAYS = "four arrays"
@@ -83,6 +87,7 @@ def supertiles(rows: Sequence[Row], overflow: Sequence[Row]) -> dict[str, object
 
 def steps(
     rows: Sequence[Row], photographs: Sequence[Row], overflow: Sequence[Row], eyes: Mapping[str, Row] | None = None,
+    machines: Sequence[Row] = (),
 ) -> dict[str, object]:
     """The steps by name. `records` stands for spatial order, chunks and compact records together; beside it stand its parts.
     `supertiles` stands for these and lists by super-tile, `packed` for packed frames besides, and `streams` for packed frames
@@ -92,15 +97,17 @@ def steps(
         rows: the frames.
         photographs: the rows of losses against photographs.
         overflow: the rows of turns.
-        eyes: the summary of reports/two_eyes.json. Its joint frames on four arrays, which are not packed, and which no RTL has,
-            stand beside the step `streams`.
+        eyes: the summary of reports/two_eyes.json. Its joint frames on four arrays, which are not packed, stand beside the step
+            `streams`.
+        machines: the steps of reports/performance.json. How many times as fast as a GSCore-like machine of equal area the
+            machine with four arrays is on the frames of that report stands there, too.
     """
     parts = {name: gains(rows, name) for name in MACHINES if name not in (PAPER.name, V3_RECORDS.name)}
     worst = max((row["loss_db"] for row in photographs), default=None)
     found = {**gains(rows, V3_RECORDS.name), "worst_photo_loss_db": worst, "chunks_read": shares(rows), "beside": parts}
     packed = {"packed": {**gains(rows, V3_PACKED.name), "over_v3": gains(rows, V3_PACKED.name, V3.name)}}
     streams = {"streams": {**gains(rows, STREAMS_PACKED.name), "over_v3": gains(rows, STREAMS_PACKED.name, V3.name),
-                           **_second_eye(eyes or {})}}
+                           **_second_eye(eyes or {}), **_over_gscore(machines)}}
     return {"records": found, "supertiles": supertiles(rows, overflow), **(packed if of(rows, machine=V3_PACKED.name) else {}),
             **(streams if of(rows, machine=STREAMS_PACKED.name) else {})}
 
@@ -112,6 +119,12 @@ def _second_eye(eyes: Mapping[str, Row]) -> dict[str, float | None]:
         found = eyes.get(f"{FOUR_ARRAYS}, {memory}", {})
         out |= {f"{name}{end}": found.get(name) for name in ("two_eyes_gain", "second_eye_share")}
     return out
+
+
+def _over_gscore(machines: Sequence[Row]) -> dict[str, float | None]:
+    """How many times as fast as a GSCore-like machine of equal area the machine with four arrays and packed frames is."""
+    found = next((row["gscore_like_gain"] for row in machines if row["machine"] == STREAMS_PACKED.name), {})
+    return {f"gscore_like_gain{end}": found.get(memory) for memory, end in ((LPDDR3, ""), (IDEAL, "_ideal"))}
 
 
 def goals(rows: Sequence[Row], photographs: Sequence[Row], overflow: Sequence[Row]) -> list[dict[str, object]]:
@@ -126,14 +139,19 @@ def goals(rows: Sequence[Row], photographs: Sequence[Row], overflow: Sequence[Ro
         levels = lost[0]["levels"]
         out.append(_goal(f"dB lost against photographs, {levels} level{'s' if levels > 1 else ''}", limit,
                          max(row["loss_db"] for row in lost), least=False))
-    step = supertiles(rows, overflow)
+    step, whole = supertiles(rows, overflow), gains(rows, STREAMS_PACKED.name)
     return [
         *out, _goal("super-tiles: bytes of a frame, times fewer", SUPER_BYTES_GOAL, step["bytes_gain"], least=True),
         _goal(f"super-tiles: bytes of a captured frame of {CAPTURED_SIZE}, times fewer at least", SUPER_CAPTURED_GOAL,
               step["worst_bytes_gain_captured"], least=True),
         _goal("super-tiles: ideal cycles of a frame, times fewer", SUPER_IDEAL_GOAL, step["ideal_gain"], least=True),
         _goal("super-tiles: LPDDR3 cycles of a frame, times fewer", SUPER_LPDDR3_GOAL, step["lpddr3_gain"], least=True),
-        _goal("super-tiles: share of pairs that overflow after a turn", OVERFLOW_GOAL, step["overflow_share"], least=False)]
+        _goal("super-tiles: share of pairs that overflow after a turn", OVERFLOW_GOAL, step["overflow_share"], least=False),
+        *(_goal(f"four arrays, packed frames: {what}", wanted, whole[name], least=True) for what, wanted, name in (
+            ("bytes of a frame, times fewer", WHOLE_BYTES_GOAL, "bytes_gain"),
+            ("ideal cycles of a frame, times fewer", WHOLE_IDEAL_GOAL, "ideal_gain"),
+            ("LPDDR3 cycles of a frame, times fewer", WHOLE_LPDDR3_GOAL, "lpddr3_gain"),
+            ("energy of DRAM, times less", WHOLE_DRAM_GOAL, "dram_energy_gain")))]
 
 
 def _goal(what: str, wanted: float, found: float | None, *, least: bool) -> dict[str, object]:

@@ -51,12 +51,11 @@ def super_row(
     subject: Subject, memory: str, trace: SuperTrace, table: Table, config: AcceleratorConfig = V3,
 ) -> dict[str, object]:
     """The numbers of a frame with a memory, as `msv2.studies.v3.frames.frame_row` gives them, and those of super-tiles. The
-    frame is packed where the machine can; the energy of packing is not in the numbers."""
+    frame is packed where the machine can."""
     frame = simulate_supertiles(
         trace, config, memory=MemoryModel(**memory_arguments(memory)), display=True, packed=config.packed)
-    plain = config.with_(packed=False)
     energy = frame_energy(
-        super_counts(trace, frame, plain), frame.total, plain, super_table(table, plain), clock_hz=CLOCK_HZ)
+        super_counts(trace, frame, config), frame.total, config, super_table(table, config), clock_hz=CLOCK_HZ)
     return {
         "frame": subject.name, "scene": subject.scene, "size": subject.size, "machine": config.name, "memory": memory,
         "cycles": frame.total, "phases": frame.phases, "bytes": moved(frame), "total_bytes": total_bytes(frame),
@@ -99,9 +98,9 @@ def _words(scene: str) -> GaussianWords:
     return quantise_model(V3, resolve(request(scene, "640x360")).model)
 
 
-def overflow_rows(subject: Subject) -> list[dict[str, object]]:
-    """How many pairs of a frame lie in lists that the sorter cannot hold at once: after a turn of each of TURNS, with the
-    bounds that the frame before left; and after a cut, without any. With four levels and without foveation.
+def overflow_rows(subject: Subject, turns: tuple[float, ...] = TURNS) -> list[dict[str, object]]:
+    """How many pairs of a frame lie in lists that the sorter cannot hold at once: after a turn by each of so many degrees, with
+    the bounds that the frame before the turn left; and after a cut, without any. With four levels and without foveation.
 
     Raises:
         InputError: the scene is missing.
@@ -113,7 +112,7 @@ def overflow_rows(subject: Subject) -> list[dict[str, object]]:
         view = _View(_words(subject.scene), asked, foveation)
         pairs = view.pairs(asked.camera)
         supertiles = len(pairs.start) - 1
-        for degrees in (*TURNS, None):
+        for degrees in (*turns, None):
             bounds = no_bounds(supertiles)
             if degrees is not None:
                 before = view.pairs(turned(asked.camera, degrees, STEP))

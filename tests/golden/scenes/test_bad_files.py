@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from golden.host.quantise import quantise_model
 from golden.host.registers import frame_registers
@@ -21,7 +22,7 @@ from golden.scenes.camera_file import camera_text, load_camera
 from golden.scenes.dataset import image_size
 from golden.scenes.datasets import load_dataset
 from golden.scenes.expansion import VARIABLE, check_expansion, check_gzip, expansion
-from golden.scenes.files import read_any_json, read_bytes
+from golden.scenes.files import only_inside, read_any_json, read_bytes
 from golden.scenes.gaze import Display, no_foveation
 from golden.scenes.load import load_model, load_scene
 from golden.scenes.orbit import orbit_camera
@@ -255,3 +256,28 @@ def test_points_at_the_end_of_float32_are_rendered(tmp_path):
     flat = no_foveation(Display(64, 64))
     registers = frame_registers(TINY, camera, quantise_model(TINY, scene.model), flat, np.zeros(3))
     assert 0 < registers.depth_scale < 1e-37 and np.isfinite(registers.depth_far)
+
+
+# Files outside a scene's folder
+
+
+@pytest.mark.parametrize("name", ["../secret.png", "{outside}/secret.png", "link.png"])
+def test_files_outside_the_folder_are_refused_where_that_is_asked(tmp_path, name):
+    inside = tmp_path / "scene"
+    inside.mkdir()
+    for folder in (tmp_path, inside):
+        Image.new("RGB", (64, 48)).save(folder / ("secret.png" if folder == tmp_path else "a.png"))
+    (inside / "link.png").symlink_to(tmp_path / "secret.png")
+
+    def written(image: str) -> Path:
+        frame = {"file_path": image, "transform_matrix": np.eye(4).tolist(), "fl_x": 50.0, "w": 64, "h": 48}
+        (inside / "transforms.json").write_text(json.dumps({"frames": [frame]}))
+        return inside
+
+    with only_inside(inside):
+        assert load_dataset(written("a.png")).images is not None
+        with pytest.raises(InputError, match="--no-outside"):
+            load_dataset(written(name.format(outside=tmp_path)))
+        with pytest.raises(InputError, match="--no-outside"):
+            read_bytes(tmp_path / "secret.png")
+    assert load_dataset(written(name.format(outside=tmp_path))).images is not None

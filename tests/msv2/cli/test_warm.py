@@ -21,7 +21,7 @@ def test_nothing_is_left_to_compile(tmp_path):
     for number, options in enumerate((
         ("--gaze", "10,10", "--levels", "3", "--set", "splat_cache_lines=64"),
         ("--stereo", "--pixels", "display", "--camera", "3", "--config", "tiny"),
-        ("--memory", "ideal", "--effects", "all", "--merge", "0"),
+        ("--memory", "ideal", "--effects", "all", "--merge", "0", "--config", "paper"),
     )):
         out = tmp_path / str(number)
         done = python("-m", "perf", "embedded", "--size", "80x48", "--no-cache", "--out", str(out), *options)

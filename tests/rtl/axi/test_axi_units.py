@@ -197,7 +197,8 @@ def test_performance_counters_count_what_their_names_say(config):
             phase = rng.choice(list(Phase))
             valid, ready = rng.getrandbits(len(stages)), rng.getrandbits(len(stages))
             reader, writer = rng.randrange(len(readers) + 1), rng.randrange(len(writers) + 1)
-            events = {name: rng.getrandbits(16) for name in names_of_events}
+            if config.stereo or step % 3 != 1:  # those of a frame stay in the cycle after it, those of a pass need not
+                events = {name: rng.getrandbits(16) for name in names_of_events}
             ctx.set(dut.phase, phase)
             ctx.set(dut.stage_valid, valid)
             ctx.set(dut.stage_ready, ready)
@@ -221,6 +222,7 @@ def test_performance_counters_count_what_their_names_say(config):
                     wanted.update([total, f"{total}_{names[client - 1]}"])
             if step == 100:
                 wanted.clear()
+        await ctx.tick()  # counted is what was registered in the cycle before
         for name in dut.counters.shape().members:
             assert ctx.get(dut.counters[name]) == wanted[name], name
 

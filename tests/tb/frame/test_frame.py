@@ -82,7 +82,7 @@ def test_truck_is_bit_exact_on_a_preset(data_dir, tmp_path):
     (["embedded", "--part", "half"], "'half' is not accepted: choose one of machine, array"),
     (["embedded", "--pixels", "tall"], "pixels 'tall' is not accepted: choose one of wide, display"),
     (["embedded", "--pixels", "display", "--part", "array"], "pixels 'display' is not accepted with part 'array'"),
-    (["embedded", "--stereo"], r"^two eyes are not accepted: config 'default' has .*; config 'paper' renders two$"),
+    (["embedded", "--stereo"], r"^two eyes are not accepted: the RTL of config 'default' has no joint frames; .*'v3_eyes'"),
     (["embedded", "--part", "array", "--config", "v3"], "part 'array' is not accepted: config 'v3' has lists by super-tile"),
     (["embedded", "--stereo", "--pixels", "wide"], "part 'machine', pixels 'wide' are not accepted with --stereo"),
     (["embedded", "--stereo", "--part", "array"], "part 'array', pixels 'display' are not accepted with --stereo"),

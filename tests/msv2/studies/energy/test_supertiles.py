@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -13,6 +14,7 @@ from msv2.studies.energy.frame import frame_energy
 from msv2.studies.energy.memories import configured
 from msv2.studies.energy.supertiles import GONE, OPERATIONS, super_counts, super_table
 from msv2.studies.energy.table import load_table
+from msv2.studies.v3.supertiles import STREAMS_PACKED
 from perf.model import MemoryModel
 from perf.supertiles import simulate_supertiles
 from perf.supertiles_trace import super_trace
@@ -91,3 +93,26 @@ def test_a_smaller_machine_has_smaller_memories():
         ("measured", of.memories), ("same", configured(of, V3)), ("small", configured(of, small)))}
     assert 1024 in words["measured"] and words["measured"] == words["same"]
     assert 256 in words["small"] and 1024 not in words["small"]
+
+
+def test_the_units_of_streams_and_of_packed_frames_take_the_places_of_others():
+    """Where they are measured; else those of one stream and of unpacked frames stand for them."""
+    measured = load_table()
+    bare = replace(measured, supertile_units=tuple(
+        unit for unit in measured.supertile_units if unit.name not in ("stream_buffer", "frame_packer")))
+    like = next(unit for unit in bare.supertile_units if unit.name == "batch_buffer")
+    more = replace(bare, supertile_units=(*bare.supertile_units, replace(like, name="stream_buffer", operation="dealt"),
+                                          replace(like, name="frame_packer", operation="pixels", memories=())))
+
+    def names(table, config):
+        return {unit.name: unit for unit in super_table(table, config).units}
+
+    for table, config, there, gone in (
+        (bare, STREAMS_PACKED, "batch_buffer", "stream_buffer"), (more, STREAMS_PACKED, "stream_buffer", "batch_buffer"),
+        (more, STREAMS_PACKED, "frame_packer", "batch_buffer"), (more, V3, "batch_buffer", "frame_packer")):
+        assert there in names(table, config) and gone not in names(table, config)
+    writer, rests, alone = (names(*given)["pixel_writer"] for given in (
+        (more, V3), (more, STREAMS_PACKED), (bare, STREAMS_PACKED)))
+    assert rests.dynamic_pj == 0 < writer.dynamic_pj == alone.dynamic_pj and rests.clock_pj == writer.clock_pj
+    streams = names(more, STREAMS_PACKED)["stream_buffer"]
+    assert configured(streams, STREAMS_PACKED) == streams.memories

@@ -16,6 +16,7 @@ from msv2.studies.performance.frames import request
 from msv2.studies.v3 import frames, photographs, study, summary, supertiles
 from msv2.studies.v3.page import page
 from spec.config import PAPER, V3, V3_PACKED, V3_RECORDS
+from spec.errors import InputError
 
 
 def row(frame: str, machine: str, memory: str, cycles: int, total: int, **more: object) -> dict[str, object]:
@@ -102,13 +103,20 @@ def test_the_step_to_four_arrays_has_both_eyes_beside_it(rows):
             if r["machine"] == V3.name]
     eyes = {f"{summary.FOUR_ARRAYS}, {memory}": {"two_eyes_gain": gain, "second_eye_share": 0.5}
             for memory, gain in ((LPDDR3, 3.5), (IDEAL, 2.5))}
-    alone, both = (summary.steps([*rows, *four], [], [], given) for given in (None, eyes))
+    over_gscore = [{"machine": "other", "gscore_like_gain": {}},
+                   {"machine": supertiles.STREAMS_PACKED.name, "gscore_like_gain": {LPDDR3: 3.7, IDEAL: 3.2}}]
+    alone, both = (summary.steps([*rows, *four], [], [], *given) for given in ((), (eyes, over_gscore)))
+    assert (both["streams"]["gscore_like_gain"], both["streams"]["gscore_like_gain_ideal"]) == (3.7, 3.2)
+    assert alone["streams"]["gscore_like_gain"] is None
+    goals = {goal["goal"]: goal["reached"] for goal in summary.goals([*rows, *four], [], [])}
+    assert goals["four arrays, packed frames: ideal cycles of a frame, times fewer"]
     assert math.isclose(both["streams"]["over_v3"]["ideal_gain"], 4) and math.isclose(both["streams"]["lpddr3_gain"], 32)
     assert both["streams"]["two_eyes_gain"] == 3.5 and both["streams"]["two_eyes_gain_ideal"] == 2.5
     content = {"missing": [], "missing_runs": [], "ordered": [], "goals": [], "frames": [*rows, *four], "photographs": [],
                "orders": []}
-    assert "take 3.50 times fewer" in page(content | {"steps": both})
+    assert all(text in page(content | {"steps": both}) for text in ("take 3.50 times fewer", "3.70 times as fast"))
     assert "## Four arrays" in page(content | {"steps": alone}) and "Both eyes" not in page(content | {"steps": alone})
+    assert "GSCore" not in page(content | {"steps": alone})
 
 
 @pytest.mark.parametrize(("loss", "reached"), ((0.0049, True), (0.0051, False)))
@@ -181,3 +189,15 @@ def test_a_turned_camera_sees_the_scene_from_the_side():
     assert angle == pytest.approx(2, abs=1e-3)
     moved = np.linalg.norm(other.rotation.T @ other.translation - camera.rotation.T @ camera.translation)
     assert moved == pytest.approx(0.005, rel=1e-6)
+
+
+def test_a_kept_report_is_summarised_anew(rows, tmp_path):
+    """Its rows stay, and nothing is measured; without a kept report of all frames there is nothing to summarise."""
+    kept = {"frames": rows, "photographs": [photo("fern", 1, 0.006)], "order_frames": [], "goals": [], "steps": {},
+            "orders": [], "missing": []}
+    found = study.summarised(kept, [over(0.002, 2.0)])
+    assert {key for key in kept if found[key] != kept[key]} == {"goals", "steps"}
+    assert found["goals"] == summary.goals(rows, kept["photographs"], [over(0.002, 2.0)])
+    assert found["steps"]["supertiles"]["overflow_share"] == 0.002
+    with pytest.raises(InputError, match="--anew is not accepted"):
+        study.main([EMBEDDED, "--anew", "--out", str(tmp_path)])

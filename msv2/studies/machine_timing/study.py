@@ -1,0 +1,108 @@
+"""Machines timed as one: writes reports/machine_timing.json, .md, and the stored ports' times, reports/machine_budget.json.
+
+    msv2 study run machine_timing               `paper` and `v3`, at the typical and the slow corner
+    msv2 study run machine_timing --configs v3  one of them; the numbers of the other stay as they are
+
+All mapped modules are linked (`synth.linked`). Each machine's modules are those of its area report: build/synth keeps them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from msv2.studies.machine_timing.page import page
+from msv2.studies.page import write_page
+from msv2.studies.record import commit, liberties, write_report
+from spec.command_line import command_parser
+from spec.config import CONFIGS
+from spec.errors import InputError
+from spec.paths import REPORTS, ROOT
+from synth.budget import graph, late
+from synth.corners import CORNERS, HOLD_UNCERTAINTY_PS, INPUT_SLEW_PS, SLEW_LIMIT_PS, UNCERTAINTY
+from synth.machine import TOP
+from synth.settings import MOST_RUNS
+from synth.whole import STORE, WholeTiming, stored, time_config
+from synth.whole_report import summary
+
+MACHINES = ("paper", "v3")
+"""The machines of the report."""
+
+CLOCK_PS = 1000.0
+
+WORST = ("slack_ps", "late_endpoints", "ghz")
+"""Numbers of which the worst machine's are repeated at the top of the report, by corner."""
+
+
+def machine_row(found: WholeTiming, stamp: str, runs: int) -> dict[str, object]:
+    """A machine's part of the report: the linked runs, and what the budget rule says at the typical corner."""
+    pairs = late(graph(found.interfaces, TOP, CLOCK_PS), CLOCK_PS, UNCERTAINTY)
+    return {"commit": stamp, "runs": runs, **summary(found),
+            "budget": [{"start": pair.start, "end": pair.end, "excess_ps": pair.excess_ps, "inputs": pair.inputs,
+                        "way": list(pair.way)} for pair in pairs]}
+
+
+def worst(machines: Mapping[str, Mapping]) -> dict[str, dict[str, object]]:
+    """By corner: the worst slack, the most late endpoints and the slowest clock of all machines."""
+    by = {"slack_ps": min, "late_endpoints": max, "ghz": min}
+    return {corner: {key: by[key](machine[corner][key] for machine in machines.values()) for key in WORST}
+            for corner in CORNERS}
+
+
+def merged(new: Mapping[str, object], old: Mapping[str, object]) -> dict[str, object]:
+    """Stored interfaces with those of machines that were not measured now; such of no machine are left out."""
+    machines = {**old.get("machines", {}), **new["machines"]}
+    wanted = {f"{module} {source}" for machine in machines.values() for module, source in machine["modules"].items()}
+    interfaces = {**old.get("interfaces", {}), **new["interfaces"]}
+    return {**new, "machines": {name: machines[name] for name in sorted(machines)},
+            "interfaces": {key: interfaces[key] for key in sorted(wanted)}}
+
+
+def _read(path: Path) -> dict:
+    return json.loads(path.read_text()) if path.is_file() else {}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Parses the command line, times the machines, and writes the reports; returns the exit status."""
+    parser = command_parser("msv2 study run machine_timing", __doc__.splitlines()[0])
+    parser.add_argument("--configs", nargs="+", default=list(MACHINES), metavar="CONFIG",
+                        help=f"machines to time, among {', '.join(MACHINES)} (default: all)")
+    parser.add_argument("--jobs", type=int, default=2, help="modules synthesised at a time (default: 2)")
+    parser.add_argument("--runs", type=int, default=MOST_RUNS, help=f"most runs of a module (default: {MOST_RUNS})")
+    parser.add_argument("--folder", type=Path, default=ROOT / "build" / "synth",
+                        help="folder of synthesis results (default: build/synth)")
+    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",
+                        help="folder of the report (default: build/reports; --keep: reports)")
+    args = parser.parse_args(argv)
+    unknown = set(args.configs) - set(MACHINES)
+    if unknown:
+        raise InputError(f"configs {', '.join(sorted(unknown))} are not known: {', '.join(MACHINES)} are")
+    path, store = args.out / "machine_timing.json", args.out / STORE.name
+    old, kept = _read(path), _read(store)
+    rows, measured, stamp = dict(old.get("machines", {})), [], commit()
+    for name in args.configs:
+        found = time_config(CONFIGS[name], args.folder, args.jobs, _say, args.runs, clock_ps=CLOCK_PS, interfaces=True)
+        rows[name] = machine_row(found, stamp, args.runs)
+        measured.append(found)
+    rows = {name: rows[name] for name in MACHINES if name in rows}
+    report = {
+        **worst(rows), "clock_ps": CLOCK_PS, "uncertainty": UNCERTAINTY, "hold_uncertainty_ps": HOLD_UNCERTAINTY_PS,
+        "input_slew_ps": INPUT_SLEW_PS, "slew_limit_ps": SLEW_LIMIT_PS,
+        "corners": {name: {"node": corner.technology.node, "memory_factor": round(corner.memory_factor, 4),
+                           "memory_source": corner.source} for name, corner in CORNERS.items()},
+        "machines": rows}
+    used = {"arguments": args, "machines": {name: CONFIGS[name] for name in args.configs}}
+    earlier = set(rows) - set(args.configs)
+    write_report(path, report, [__name__], used, liberties(), old if earlier else None)
+    write_report(store, merged(stored(measured, CLOCK_PS, UNCERTAINTY), kept), [__name__], used, liberties(),
+                 kept if earlier else None)
+    write_page(args.out / "machine_timing.md", page(report))
+    print(f"wrote {path}, machine_timing.md and {STORE.name}")
+    return 0
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+

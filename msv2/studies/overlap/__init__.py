@@ -1,0 +1,1 @@
+"""What it is worth to run the first phase of a frame beside the second phase of the one before (`perf.overlap`)."""

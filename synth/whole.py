@@ -1,0 +1,160 @@
+"""A whole machine's timing: the linked run at each corner, and the stored interfaces that the budget rule adds up.
+
+    found = time_config(PAPER, folder=Path("build/synth"))
+    found.linked["typical"].slack_ps, found.linked["slow"].ghz
+
+The interfaces are kept in reports/machine_budget.json with a hash of the RTL that they were measured on. `stale` compares it
+with the RTL of today, so that the rule cannot speak of a machine that no longer is.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from spec.config import CONFIGS, AcceleratorConfig
+from spec.errors import InputError
+from spec.paths import BUILD, REPORTS
+from spec.sources import fingerprint, sources_of
+from synth.area import mapped
+from synth.budget import Late, graph, late
+from synth.corners import CORNERS, UNCERTAINTY, Corner, corner
+from synth.design import Design
+from synth.interfaces import Interface, interface_of, interfaced, source_hash
+from synth.linked import LinkedTiming, check, time_machine, write_machine
+from synth.loads import Overload, memory_pins, overloads, pins_of
+from synth.machine import TOP, machine_design
+from synth.netlist import read
+from synth.settings import MOST_RUNS, Settings
+
+STORE = REPORTS / "machine_budget.json"
+"""The stored interfaces, written by `msv2 study run machine_timing`."""
+
+REFRESH = "msv2 study run machine_timing --keep"
+
+BUDGET_CORNER = "typical"
+
+
+@dataclass(frozen=True)
+class WholeTiming:
+    """The timing of a machine.
+
+    Attributes:
+        config: its name.
+        linked: the linked run by corner.
+        interfaces: the interfaces of its modules at the typical corner; empty if they were not asked for.
+        sources: a hash of everything that the machine's RTL depends on.
+        modules, instances: modules that were mapped, and how many instances of them the machine has.
+        cells: cells of the linked machine.
+        overloads: nets that are loaded beyond their driver's limit, the worst first.
+    """
+
+    config: str
+    linked: dict[str, LinkedTiming]
+    interfaces: dict[str, Interface]
+    sources: str
+    modules: int
+    instances: int
+    cells: int
+    overloads: tuple[Overload, ...] = ()
+
+
+def time_config(
+    config: AcceleratorConfig, folder: Path = BUILD / "synth", jobs: int = 2, progress: Callable[[str], None] = print,
+    runs: int = MOST_RUNS, corners: Sequence[str] = tuple(CORNERS), clock_ps: float = 1000.0, uncertainty: float = UNCERTAINTY,
+    *, interfaces: bool = False,
+) -> WholeTiming:
+    """Maps all modules of a machine as its area report does, links them, and times the whole at each corner.
+
+    `interfaces`: the modules' interfaces are measured as well.
+
+    Raises:
+        InputError: a corner is not known, or OpenSTA, Yosys or liberty files are missing.
+    """
+    check()
+    wanted = [corner(name) for name in corners]
+    design, parts = mapped(config, Settings("asap7", clock_ps, folder, runs=runs), jobs, progress)
+    linked: dict[str, LinkedTiming] = {}
+    for one in wanted:
+        progress(f"{config.name}: linking and timing the machine, {one.name}")
+        linked[one.name] = time_machine(design, parts, one, folder / f"machine-{config.name}", clock_ps, uncertainty)
+    written = write_machine(design, parts, wanted[0], folder / f"machine-{config.name}")
+    cells = pins_of(wanted[0].liberty(folder)) | memory_pins(written.cells)
+    loaded = overloads((read(path) for path in written.netlists), cells)
+    counts = design.counts()
+    measured = _interfaces(design, parts, CORNERS[BUDGET_CORNER], folder / f"interfaces-{config.name}", progress) \
+        if interfaces else {}
+    return WholeTiming(
+        config.name, linked, measured, _sources(config), len(design.texts), counts.total(),
+        sum(counts[name] * sum(part["cells_by_type"].values()) for name, part in parts.items()), tuple(loaded))
+
+
+def _interfaces(
+    design: Design, parts: Mapping[str, dict], where: Corner, folder: Path, progress: Callable[[str], None],
+) -> dict[str, Interface]:
+    found = {}
+    for name in interfaced(design):
+        progress(f"measuring the ports of {name}")
+        found[name] = interface_of(name, design, parts, where, folder)
+    return found
+
+
+def _sources(config: AcceleratorConfig) -> str:
+    return fingerprint(sources_of("synth.machine"), config, importlib.metadata.version("amaranth"))
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The stored interfaces of a machine, with the clock and the uncertainty that the rule is for."""
+
+    config: str
+    clock_ps: float
+    uncertainty: float
+    sources: str
+    interfaces: dict[str, Interface]
+
+    def late(self) -> list[Late]:
+        """The pairs of units that do not fit into the clock, the worst first."""
+        return late(graph(self.interfaces, TOP, self.clock_ps), self.clock_ps, self.uncertainty)
+
+
+def stored(found: Sequence[WholeTiming], clock_ps: float, uncertainty: float) -> dict[str, object]:
+    """What STORE holds of some machines; interfaces that machines share are there once."""
+    interfaces = {f"{name} {one.source}": one for whole in found for name, one in whole.interfaces.items()}
+    return {
+        "clock_ps": clock_ps, "uncertainty": uncertainty, "corner": BUDGET_CORNER,
+        "machines": {whole.config: {"sources": whole.sources, "modules": {
+            name: one.source for name, one in whole.interfaces.items()}} for whole in found},
+        "interfaces": {key: asdict(one) for key, one in sorted(interfaces.items())}}
+
+
+def budgets(path: Path = STORE) -> dict[str, Budget]:
+    """The stored interfaces, by machine.
+
+    Raises:
+        InputError: the file is missing.
+    """
+    if not path.is_file():
+        raise InputError(f"{path.name} is missing: `{REFRESH}` writes it")
+    kept = json.loads(path.read_text())
+    return {
+        name: Budget(name, kept["clock_ps"], kept["uncertainty"], machine["sources"], {
+            module: Interface(**kept["interfaces"][f"{module} {source}"]) for module, source in machine["modules"].items()})
+        for name, machine in kept["machines"].items()}
+
+
+def stale(budget: Budget, folder: Path = BUILD / "synth") -> list[str]:
+    """The modules whose RTL is no longer the one that was measured; empty if the budget is of today's machine.
+
+    The machine is elaborated only where a source changed on which its RTL depends.
+    """
+    config = CONFIGS[budget.config]
+    if _sources(config) == budget.sources:
+        return []
+    design = machine_design(config, folder)
+    today = {name: source_hash(design, name) for name in interfaced(design)}
+    return sorted(name for name in today.keys() | budget.interfaces.keys()
+                  if name not in budget.interfaces or today.get(name) != budget.interfaces[name].source)

@@ -1,0 +1,65 @@
+"""Overlapped phases in the cycle model: what must hold whatever the two phases do to each other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from golden.msv2_ref import pipeline
+from golden.scenes.request import parse_request, resolve
+from perf.model import MemoryModel
+from perf.overlap import OverlapCycles, simulate_overlap
+from perf.supertiles import SuperCycles, simulate_supertiles
+from perf.supertiles_trace import SuperTrace, super_trace
+from spec.config import V3, V3_RECORDS
+
+MEMORIES = {
+    "ideal": MemoryModel("ideal"), "unlimited": MemoryModel("ideal", bytes_per_cycle=None), "lpddr3": MemoryModel("lpddr3")}
+
+
+@pytest.fixture(scope="module")
+def trace() -> SuperTrace:
+    asked = resolve(parse_request(
+        "embedded", "--size", "192x128", "--gaze", "96,64", "--levels", "4", "--levels-from", "random"))
+    return super_trace(pipeline.render(
+        asked.model, asked.camera, config=V3, foveation=asked.foveation, background=asked.background))
+
+
+@pytest.fixture(scope="module", params=MEMORIES)
+def both(request, trace) -> tuple[SuperCycles, OverlapCycles]:
+    memory = MEMORIES[request.param]
+    return (simulate_supertiles(trace, V3, memory=memory, display=True),
+            simulate_overlap(trace, V3, memory=memory, display=True))
+
+
+def test_a_frame_moves_the_same_bytes_as_with_phases_in_turn(both):
+    turns, overlapped = both
+    assert overlapped.bytes == sum(turns.reads.values()) + sum(turns.writes.values())
+
+
+def test_frames_are_faster_than_in_turn_and_no_faster_than_their_slower_phase_alone(both):
+    turns, overlapped = both
+    begins = turns.phases["clear"] + turns.phases["table"]
+    assert overlapped.period == max(overlapped.first, overlapped.second)
+    assert max(turns.phases["render"], begins + turns.phases["geometry"]) * 0.98 < overlapped.period < turns.total
+
+
+def test_with_memory_to_spare_phases_wait_for_the_shared_datapaths_alone(trace):
+    """Each phase offers at most a slot a cycle, and either gets every second one at least."""
+    memory = MEMORIES["unlimited"]
+    turns = simulate_supertiles(trace, V3, memory=memory, display=True)
+    overlapped = simulate_overlap(trace, V3, memory=memory, display=True)
+    assert overlapped.second < turns.phases["render"] + trace.points_read
+    assert overlapped.first < turns.total - turns.phases["render"] + trace.pairs
+
+
+def test_half_the_bandwidth_takes_about_twice_as_long_where_memory_limits_the_frame(trace):
+    slow = simulate_overlap(trace, V3, memory=replace(MEMORIES["ideal"], bytes_per_cycle=12.8), display=True)
+    fast = simulate_overlap(trace, V3, memory=MEMORIES["ideal"], display=True)
+    assert fast.utilisation["memory"] > 0.9 and slow.period > 1.7 * fast.period and slow.bytes == fast.bytes
+
+
+def test_a_machine_with_lists_by_tile_is_refused(trace):
+    with pytest.raises(ValueError, match="lists"):
+        simulate_overlap(trace, V3_RECORDS)
