@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from golden.msv2_ref.colour import survivor_records
+from golden.msv2_ref.joint import JointFrame
+from golden.msv2_ref.joint_batches import JointBatches
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.projection import projected_splats
 from golden.msv2_ref.tile_test import tile_test
@@ -98,7 +100,7 @@ def joint_case(
 ) -> JointCase:
     """Random pairs and records; a share `alone` of the pairs each has no level in the source, and none in the target."""
     name = name or f"joint, {'one colour' if shared else 'two colours'}, degree {sh_degree}"
-    case, rng = random_case(config, seed, sh_degree, count, name=name, levels=levels), np.random.default_rng(seed)
+    case, rng = random_case(config, seed, sh_degree, count, name=name, levels=levels), np.random.default_rng((seed, 1))
     (source,) = case.frames
     target, drawn = random_survivors(config, rng, count, levels), rng.random(count)
     target["bound"], target["eye"], target["index"] = source["bound"], 1, source["index"]
@@ -137,3 +139,23 @@ def frame_case(name: str, frame: Frame) -> Case:
         survivors[field] = splats[field][rows]
     survivors["levels"], survivors["mask"] = found.levels[order], found.mask[order]
     return Case(name, [survivors], [compact_rows(words.compact, splats["index"][rows])], words.sh_degree)
+
+
+def joint_frame_case(name: str, frame: JointFrame) -> JointCase:
+    """The pairs of a traced joint frame, with the records of its model."""
+    config, words, pairs = frame.config, frame.source.words, frame.pairs
+    masks = JointBatches(frame).stream_masks
+    eyes = []
+    for eye, drawn in enumerate(frame.eyes):
+        splats = projected_splats(config, words, drawn.registers, drawn.projected)[:-1]
+        row = np.full(len(words.geometry), -1)
+        row[splats["index"]] = np.arange(len(splats))
+        there, survivors = pairs.mask[:, eye] != 0, np.zeros(len(pairs.splat), surviving_splat(config).dtype)
+        for field in {*splats.dtype.names} & {*survivors.dtype.names} - {"end", "eye"}:
+            survivors[field][there] = splats[field][row[pairs.splat[there]]]
+        survivors["levels"], survivors["mask"] = pairs.levels[:, eye], masks[:, eye, 0]
+        survivors["bound"], survivors["eye"] = words.geometry["bound"][pairs.splat], eye
+        survivors["offset"] = config.formats.view.quantise(words.decoded.mean[pairs.splat] - drawn.registers.position)
+        eyes.append(survivors)
+    case = Case(name, [eyes[0]], [compact_rows(words.compact, pairs.splat)], words.sh_degree)
+    return JointCase(case, eyes[1], frame.registers.shared_colour)

@@ -16,13 +16,14 @@ from rtl.supertiles.batch_buffer import LATENCY, BatchBuffer
 from rtl.supertiles.batch_masks import BatchMasks
 from rtl.supertiles.batch_visits import BatchVisits
 from rtl.units import emit
-from spec.config import PAPER, TINY, TINY_V3, V3
+from spec.config import PAPER, TINY, TINY_EYES, TINY_V3, V3
 from spec.memory import splat_record
 from spec.supertiles import batch_place, supertile, tile_visit, visit_entry
-from tb.common.scenes import traced_frames
+from tb.common.scenes import traced_frames, traced_joint_frames
 from tb.supertiles import batch_suite
 from tb.supertiles.batch_device import BatchBench, Mode
 from tb.supertiles.batch_stimuli import Tiles, case_of, random_case, wanted_batches, wanted_visits
+from tb.supertiles.joint_stimuli import JOINT, random_joint_case
 from tests.helpers.rtl_ports import cycles_of, play, words_of
 from tests.helpers.rtl_streams import assert_rejected
 
@@ -154,8 +155,52 @@ def test_faults_of_the_unit_are_found(name, monkeypatch, tmp_path):
     assert outcome.failures
 
 
+@pytest.fixture(scope="module")
+def eyes(tmp_path_factory):
+    """The plan of TINY_EYES, and its outcome."""
+    frames = traced_joint_frames(TINY_EYES, "128x128")
+    plan = [*batch_suite.unit_plan(TINY_EYES, 0), *batch_suite.rate_plan(TINY_EYES, 0),
+            *batch_suite.joint_traced_plan(TINY_EYES, frames)]
+    return plan, batch_suite.run_plan(TINY_EYES, plan, tmp_path_factory.mktemp("eyes"))
+
+
+def test_frames_of_one_eye_and_of_two_are_exact_and_fast_enough(eyes):
+    plan, outcome = eyes
+    assert outcome.failures == {}
+    assert outcome.runs == sum(item.run.abort is None for item in plan) and outcome.items > 200_000
+    assert sum(item.most_cycles is not None and "joint" in item.name for item in plan) == 5  # by hand and traced
+    item, recording = named(outcome, plan, "traced joint embedded 128x128, foveated")
+    visits = recording.outputs["visits"]
+    assert item.run.settings["shift"] == 3 and set(visits["eye"].tolist()) == {0, 1}
+    source, target = (visits[visits["eye"] == eye] for eye in range(2))
+    assert source["tile_x"].max() == target["tile_x"].max() == 7 and source["tile_x"].min() == target["tile_x"].min() == 0
+
+
+@pytest.mark.parametrize("name", ["joint, outside", "joint, ends of batches", "joint, one eye", "joint 1"])
+def test_faults_of_a_joint_recording_are_found(eyes, name):
+    plan, outcome = eyes
+    item, recording = named(outcome, plan, name)
+    for field in ("eye", "tile_x"):
+        visits = changed(recording.outputs["visits"].copy(), 3, field, 1)
+        found = batch_suite.problems(item, replace(recording, outputs={**recording.outputs, "visits": visits}))
+        assert len(found) == 1 and found[0].startswith("visits 3: ")
+
+
+def test_joint_cases_meet_what_they_are_for():
+    """Batches of joint frames end with fewer than 8 free places, with each number of them, and hold pairs of all kinds."""
+    free, kinds = set(), set()
+    for make in (*JOINT, lambda config: random_joint_case(config, "", 1)):
+        case = make(TINY_EYES)
+        batches = wanted_batches(TINY_EYES, case)
+        free |= {TINY_EYES.batch_places - len(batch.places) for batch in batches if not batch.final}
+        pair = np.cumsum(case.places["last"]) - case.places["last"]
+        of_pair = [case.places["eye"][pair == number] for number in range(int(pair.max(initial=0)) + 1)]
+        kinds |= {tuple(np.unique(eyes).tolist()) for eyes in of_pair}
+    assert {0, 7} <= free <= set(range(8)) and {(0,), (1,), (0, 1)} <= kinds
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["16-places", "v3"])
+@pytest.mark.parametrize("name", ["16-places", "v3", "16-places-eyes", "v3_eyes"])
 def test_other_machines_are_exact(name, tmp_path):
     config = batch_suite.VARIANTS[name]
     plan = [*batch_suite.unit_plan(config, 1), *batch_suite.rate_plan(config, 1)]
@@ -198,7 +243,7 @@ def test_counts_restart_and_stay_without_counters():
         assert tuple(seen) == wanted
 
 
-@pytest.mark.parametrize(("config", "masks"), [(TINY_V3, (32, 64)), (V3, (32, 512)), (SMALL, (16, 32))])
+@pytest.mark.parametrize(("config", "masks"), [(TINY_V3, (32, 64)), (V3, (32, 512)), (SMALL, (16, 32)), (TINY_EYES, (32, 128))])
 def test_sizes(config, masks):
     """Two halves of records, and of words of masks for each tile."""
     found = {tuple(map(int, size)) for size in

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rtl.supertiles.reader import SuperTileReader
-from spec.config import TINY, TINY_V3, V3
+from spec.config import TINY, TINY_EYES, TINY_V3, V3
 from spec.records import frame_supertiles, list_group
 from tb.common.exact import problems
 from tb.supertiles import reader_suite as suite
@@ -47,6 +47,25 @@ def test_a_whole_frames_lists_are_taken_while_nothing_moves():
     moves = play(SuperTileReader(TINY_V3), {"lists": rows}, {"reads": 1.0, "supertiles": 1.0}, 140,
                  setup={"supertiles_base": 5, "width": 512, "height": 512})
     assert len(moves["lists"]) == 128
+
+
+def test_both_eyes_are_exact_whatever_the_shift(tmp_path):
+    plan = [*suite.joint_plan(TINY_EYES, 0), *suite.unit_plan(TINY_EYES, 0)[:9]]
+    outcome = suite.run_plan(TINY_EYES, plan, tmp_path)
+    assert outcome.failures == {} and outcome.runs == sum(item.run.abort is None for item in plan) > 40
+    items = np.concatenate([item.expected["supertiles"] for item in plan])
+    cut = items["inside"] != 0xFFFF
+    assert {tuple(kind) for kind in np.stack([items["eye"], cut], 1).tolist()} == {(0, 0), (0, 1), (1, 0), (1, 1)}
+
+
+@pytest.mark.parametrize("field", ["eye", "inside", "x", "pairs"])
+def test_faults_of_joint_super_tiles_are_found(field, tmp_path):
+    plan = [item for item in suite.joint_plan(TINY_EYES, 0) if item.name.startswith("joint, 344 wide")][:1]
+    outcome = suite.run_plan(TINY_EYES, plan, tmp_path)
+    rows = plan[0].expected["supertiles"].copy()
+    rows[field][3] ^= 1
+    found = problems(replace(plan[0], expected={"supertiles": rows}), outcome.recordings[plan[0].name])
+    assert len(found) == 1 and found[0].startswith("supertiles 3: ")
 
 
 def test_machines_without_supertiles_are_rejected():

@@ -57,6 +57,13 @@ def test_a_count_over_streams_is_checked(tiny):
     assert stream_suite.problems(item, replace(recording, outputs={**recording.outputs, "entries_2": rows}))
 
 
+def test_streams_of_both_eyes_are_exact(tmp_path):
+    config = stream_suite.VARIANTS["tiny_eyes"]
+    plan = [item for item in stream_suite.unit_plan(config, 0) if "joint" in item.name and "pauses" not in item.name]
+    outcome = stream_suite.run_plan(config, plan, tmp_path)
+    assert outcome.failures == {} and outcome.runs == sum(item.run.abort is None for item in plan) > 12
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", [name for name in stream_suite.VARIANTS if name != "tiny_streams"])
 def test_other_machines_are_exact(name, tmp_path):
