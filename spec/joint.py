@@ -55,7 +55,7 @@ from __future__ import annotations
 from spec.config import AcceleratorConfig
 from spec.constants import SUPER_X, SUPER_Y
 from spec.errors import InputError
-from spec.records import frame_lists
+from spec.records import Field, Record, eye, frame_lists, gaussian_point
 
 EYES = 2
 """Eyes of a joint frame: the source, number 0, and the target, number 1."""
@@ -89,3 +89,10 @@ def check_joint(config: AcceleratorConfig, tiles_x: int, tiles_y: int, shift: in
     if count > frame_lists(config):
         raise InputError(f"two eyes of {tiles_x}x{tiles_y} tiles with a shift of {shift} are not accepted: they have {count} "
                          f"super-tiles, and config {config.name!r} has {frame_lists(config)} lists")
+
+
+def eye_point(config: AcceleratorConfig) -> Record:
+    """A Gaussian on its way into projection in a machine with joint frames: once for each eye."""
+    return Record("EyePoint", eye_point.__doc__, (
+        *gaussian_point(config).fields,
+        Field("position", config.formats.view, "the eye's centre relative to the model's origin", 3), *eye(config)))

@@ -332,14 +332,6 @@ def gaussian_point(config: AcceleratorConfig) -> Record:
     ))
 
 
-def eye_point(config: AcceleratorConfig) -> Record:
-    """A Gaussian on its way into projection in a machine with joint frames: once for each eye."""
-    return Record("EyePoint", eye_point.__doc__, (
-        *gaussian_point(config).fields,
-        Field("position", config.formats.view, "the eye's centre relative to the model's origin", 3), *eye(config),
-    ))
-
-
 def _projection(config: AcceleratorConfig) -> tuple[Field, ...]:
     """What projection finds of a splat, as later stages use it."""
     n = config.formats

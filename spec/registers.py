@@ -45,13 +45,11 @@ MAGIC = 0x4D535632
 """The value of register `id`: "MSV2" in ASCII."""
 
 VERSION_MAJOR, VERSION_MINOR = 4, 0
-"""Of this map. A higher minor version only adds registers; machines with stereo have the next one, which is odd, and machines
-that pack frames the one after, and machines with joint frames the fourth. In version 3
+"""Of this map. A higher minor version only adds registers: 1 more with stereo, 2 with packed, 4 with joint frames. In version 3
 every machine had the settings, memory clients and counters of splat records in memory, which machines with lists by super-tile
-do not have, and `machine_frame` and `machine_cache` had one number each, which filled the register. Version 2 had
-no machines with chunks, whose settings and counters stand before those of stereo: these have moved. Version 1 had a field
-`sorting_units` in bits 15:8 of `machine_units`, which did nothing; they now read 0. Versions below 1.2 had no counters of
-saturated values."""
+do not have, and `machine_frame` and `machine_cache` had one number each, which filled the register. Version 2 had no machines
+with chunks, whose settings and counters stand before those of stereo: these have moved. Version 1 had a field `sorting_units`
+in bits 15:8 of `machine_units`, which did nothing. Versions below 1.2 had no counters of saturated values."""
 
 CONTROL_BASE = 0x020
 """Byte address of the first control register."""
@@ -273,8 +271,7 @@ def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
 
 
 def fingerprint(config: AcceleratorConfig) -> int:
-    """A hash of 32 bits that differs where two machines differ in any parameter but their names. A machine without joint frames
-    has that of the same machine from before there were any."""
+    """A hash of 32 bits that differs where machines differ in any parameter but their names; `joint` counts where True."""
     text = repr(config.with_(name="any")).replace("joint=False, ", "")
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "little")
 
@@ -319,8 +316,8 @@ _IDENTITY = (
         Bits("packed", 30, 1, "frames for displays may be packed"),
         Bits("streams", 31, 1, "four arrays, each with a stream of its own"))),
     Register("machine_units", 0x010, Access.READ_ONLY, "parameters of the units around the array", (
-        Bits("culling_units", 0, 8, "culling and conversion units"),
-        Bits("joint", 8, 1, "frames of two eyes in one set of lists"), Bits("merge_ways", 16, 8, "runs merged at a time"),
+        Bits("culling_units", 0, 8, "culling and conversion units"), Bits("joint", 8, 1, "joint frames of two eyes"),
+        Bits("merge_ways", 16, 8, "runs merged at a time"),
         Bits("warp_lanes", 24, 8, "rows warped side by side; 0 without stereo"))),
     Register("machine_frame", 0x014, Access.READ_ONLY, "largest frame", (
         Bits("row_width", 0, 16, "widest row in pixels"),

@@ -12,7 +12,8 @@ from rtl.shapes import layout
 from rtl.stream import Buffer
 from rtl.supertiles.eyes import origin_of
 from spec.config import AcceleratorConfig
-from spec.records import eye_point, gaussian_point, projected_splat
+from spec.joint import eye_point
+from spec.records import gaussian_point, projected_splat
 
 COUNTS = ("culled_near", "culled_faint", "culled_outside", "saturated_means")
 """What `EyeCulls` counts in a frame."""

@@ -19,7 +19,8 @@ from spec import tables
 from spec.config import AcceleratorConfig, NumberFormats
 from spec.constants import MAX_LEVELS, TILE_REACH_MARGIN
 from spec.formats import UQ, Fixed
-from spec.records import Record, eye_point, gaussian_point, opacities_carried
+from spec.joint import eye_point
+from spec.records import Record, gaussian_point, opacities_carried
 
 _SETTINGS = ("position", "rotation", "near", "depth_scale")
 
