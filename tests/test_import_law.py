@@ -47,7 +47,8 @@ OPEN = ("golden", "msv2")
 
 SPEC_MAY_USE = {"numpy"}
 HEAVY = {"torch", "torchvision", "gsplat", "odak"}
-HEAVY_ROOMS = ("golden.diff", "golden.training", "golden.metrics", "golden.train", "msv2.studies", "msv2.cases.gradients")
+HEAVY_ROOMS = ("golden.diff", "golden.training", "golden.metrics", "golden.train", "msv2.studies", "msv2.cases.gradients",
+               "msv2.cases.fuzz.checkpoints")
 """Where torch may be imported; elsewhere neither a picture nor a hardware test may need it."""
 
 LIGHT = ("tests/rtl/**/*.py", "tests/tb/**/*.py", "tests/golden/msv2_ref/*.py", "tests/spec/*.py", "tests/synth/*.py",

@@ -203,16 +203,10 @@ def _colmap() -> dict[str, bytes]:
             "images/a.png": _png(1), "images/b.png": _png(2)}
 
 
-def _checkpoint() -> dict[str, bytes]:
-    import torch
+def _checkpoint() -> Mapping[str, bytes]:
+    from msv2.cases.fuzz.checkpoints import checkpoint_files  # needs torch
 
-    from golden.training.checkpoint import FORMAT
-
-    out = io.BytesIO()
-    torch.save({"format": FORMAT, "options": {"seed": 1}, "plan": (("dense", 10),), "results": {"psnr": np.float64(20.0)},
-                "stage": 0, "state": {"step": 3, "rows": torch.zeros(4, 3), "rng": np.arange(4)}, "iteration": 3,
-                "spent": {"dense": {"iterations": 3.0, "seconds": 1.0}}, "threads": 2}, out)
-    return {"iteration_000000003_00.pt": out.getvalue()}
+    return checkpoint_files()
 
 
 def _read_model(name: str) -> Callable[[Path], object]:
@@ -249,9 +243,9 @@ def _read_camera(folder: Path) -> object:
 
 
 def _read_checkpoint(folder: Path) -> object:
-    from golden.training.checkpoint import Checkpoints
+    from msv2.cases.fuzz.checkpoints import read_checkpoint  # needs torch
 
-    return Checkpoints(folder).load()
+    return read_checkpoint(folder)
 
 
 def _one(name: str, make: Callable[[], bytes]) -> Callable[[], Mapping[str, bytes]]:

@@ -30,7 +30,7 @@ def pairs_of(rng: random.Random, gaussians: int, supertiles: int) -> list[dict[s
 
 def kept(rows: list[dict[str, int]]) -> list[dict[str, int]]:
     """The pairs of the source, and those of the target that the source lacks."""
-    source = {(row["index"], row["supertile"]) for row in rows if not row["eye"]}
+    source = {(row["index"], row["supertile"]) for row in rows if not row["eye"] and not row["end"]}
     return [row for row in rows if not row["eye"] or (row["index"], row["supertile"]) not in source]
 
 
