@@ -22,17 +22,14 @@ from synth.design import Design
 from synth.machine import TOP, UNIT_GROUPS, label
 from synth.macro_timing import PINS, MemoryCell, liberty, memory_timing
 from synth.memories import MADE_AS, Macro
-from synth.netlist import parse
 from synth.once import run_once
 from synth.report import write_text
 
 INSTALL = "OpenSTA is not installed: on Debian and Ubuntu, `apt-get install opensta` brings the command `sta`"
 
-RESET_PIN = "controller/reset_units"
-"""The controller's reset of the units. It is held for several cycles while they are quiet, and a tree would distribute it."""
-
 RESET_NET = "units_rst"
-"""The net of that reset in the machine's own module."""
+"""The net in the machine's own module that resets the units, from the port `rst` or by the controller. It is held for several
+cycles while they are quiet, and a tree would distribute it: here the units get the ideal reset of the port."""
 
 _MEMORY_PORT = re.compile(rf"memory(\d+)_({'|'.join(PINS)})")
 _MOST_PATHS = 1_000_000
@@ -187,7 +184,7 @@ def constraints(corner: Corner, clock_ps: float, uncertainty: float) -> str:
         f"set_clock_uncertainty -setup {uncertainty * clock} [get_clocks clk]",
         f"set_clock_uncertainty -hold {HOLD_UNCERTAINTY_PS / corner.technology.time_unit_ps} [get_clocks clk]",
         "set inputs [list]",
-        "foreach p [all_inputs] { if {[get_property $p full_name] != \"clk\"} { lappend inputs $p } }",
+        "foreach p [all_inputs] { if {[lsearch {clk rst} [get_property $p full_name]] < 0} { lappend inputs $p } }",
         f"set_input_delay {timing.INPUT_DELAY * clock} -clock clk $inputs",
         f"set_driving_cell -lib_cell {cell[0]} -pin {cell[1]} -input_transition_rise {slew} "
         f"-input_transition_fall {slew} $inputs",
@@ -195,7 +192,7 @@ def constraints(corner: Corner, clock_ps: float, uncertainty: float) -> str:
         f"set_load {corner.technology.load} [all_outputs]",
         f"set_max_transition {SLEW_LIMIT_PS / corner.technology.time_unit_ps} [current_design]",
         "set_false_path -from [get_ports rst]",
-        f"foreach p [get_pins -quiet {RESET_PIN}] {{ set_false_path -through $p }}",
+        f"set_input_transition {slew} [get_ports rst]",
     ]) + "\n"
 
 
@@ -221,13 +218,9 @@ proc report_paths {kind} {
 
 @dataclass(frozen=True)
 class Written:
-    """What OpenSTA reads: netlists with memories as cells, lower ones first, and these cells with their library.
-
-    `reset` has the pins of the machine's own module at the reset of its units (RESET_NET).
-    """
+    """What OpenSTA reads: netlists with memories as cells, lower ones first, and these cells with their library."""
 
     netlists: tuple[Path, ...]
-    reset: frozenset[str]
     cells: tuple[MemoryCell, ...]
     library: Path
     hierarchy: Hierarchy
@@ -241,17 +234,15 @@ def write_machine(design: Design, parts: Mapping[str, dict], corner: Corner, fol
         text = Path(parts[name]["netlist"]).read_text()
         memories = memory_cells(parts[name]["stores"], text)
         cells |= {cell.name: cell for cell in memories.values()}
-        texts[name] = text
+        texts[name] = with_memories(text, memories).replace(f".rst({RESET_NET})", ".rst(rst)")
         path = Path(parts[name]["netlist"])
-        if memories:
+        if texts[name] != text:
             path = folder / f"{name}.v"
-            write_text(path, with_memories(text, memories))
+            write_text(path, texts[name])
         paths.append(path)
     library = folder / f"memories-{corner.name}.lib"
     write_text(library, liberty(list(cells.values()), corner.memory_factor))
-    reset = {f"{instance.name}/{pin}" for instance in parse(texts[design.top]).instances
-             for pin, bits in instance.pins.items() if RESET_NET in bits}
-    return Written(tuple(paths), frozenset(reset), tuple(cells.values()), library, Hierarchy(design.top, texts))
+    return Written(tuple(paths), tuple(cells.values()), library, Hierarchy(design.top, texts))
 
 
 def time_machine(
@@ -294,8 +285,7 @@ def read_timing(output: str, written: Written, corner: Corner, clock_ps: float, 
     ends = [line for line in _paths(early) if float(line.split("\t")[0]) < 0]
     holds = [float(value) for value in re.findall(r"(-?[\d.]+) \((?:MET|VIOLATED)\)", hold)]
     negative = [float(line.split("\t")[0]) * unit_ps for line in _paths(late)]
-    bad = {pin: float(value) * unit_ps for pin, value in re.findall(r"(?m)^(\S+) .*?(-[\d.]+) \(VIOLATED\)", slews)
-           if pin not in written.reset}
+    bad = {pin: float(value) * unit_ps for pin, value in re.findall(r"(?m)^(\S+) .*?(-[\d.]+) \(VIOLATED\)", slews)}
     technology = corner.technology
     drivers = {"Y", technology.driver[1], *(technology.full_adder[1][3:] if technology.full_adder else ())}
     nets = {pin: value for pin, value in bad.items() if pin.rpartition("/")[2] in drivers or "/rd_data" in pin}

@@ -87,7 +87,8 @@ def netlists() -> dict[str, str]:
         TOP: _module(
             TOP, ">clk >rst >go <done", ("INV", "_1_", "A=count Y=counted"),
             (f"{TOP}__controller", "controller", "clk=clk rst=rst go=go count=count"),
-            (f"{TOP}__geometry", "geometry", "clk=clk rst=rst start=counted found=found"),
+            ("BUF", "_2_", "A=rst Y=units_rst"),
+            (f"{TOP}__geometry", "geometry", "clk=clk rst=units_rst start=counted found=found"),
             (f"{TOP}__counters", "counters", "clk=clk rst=rst count=counted found=found done=done")),
     }
 
