@@ -8,19 +8,22 @@ import numpy as np
 import pytest
 
 from golden.msv2_ref import projection
+from golden.msv2_ref.buckets import no_bounds
 from golden.msv2_ref.joint import JointFrame, render_joint
 from golden.msv2_ref.joint_batches import JointBatches
 from golden.msv2_ref.pipeline import render_frame
+from golden.scenes.files import read_json
 from golden.scenes.request import parse_request, resolve
-from golden.scenes.stereo import stereo_pair
+from golden.scenes.stereo import scene_scale, stereo_pair
 from perf.geometry import CLOSES, ENDS, VISIBLE
 from perf.joint_trace import joint_trace
 from perf.model import MemoryModel
 from perf.supertiles import SuperCycles, simulate_supertiles
 from perf.supertiles_plan import visit_plan
 from perf.supertiles_trace import SuperTrace, chunk_turns, load_trace, save_trace, super_trace
-from spec.config import V3
+from spec.config import V3, V3_EYES
 from spec.memory import DISPLAY_PIXEL_BYTES
+from spec.paths import REPORTS
 
 IDEAL = MemoryModel("ideal")
 ARGUMENTS = ("embedded", "--size", "320x180", "--gaze", "160,90", "--levels", "4", "--levels-from", "random")
@@ -164,3 +167,24 @@ def test_traces_are_kept_as_they_are(trace, tmp_path):
     assert again.eyes == 2 and again.shift == trace.shift
     for name in ("places_by_eye", "pair_drops", "pair", "step_pairs", "point_class"):
         assert np.array_equal(getattr(again, name), getattr(trace, name)), name
+
+
+def test_cycles_are_those_of_the_full_machines_rtl():
+    """The joint frames of the embedded scene in reports/frames_eyes.json, which the RTL of `v3_eyes` rendered after a reset."""
+    rows = [row for row in read_json(REPORTS / "frames_eyes.json")["rows"] if row["scene"] == "embedded"]
+    assert [bool(row["gaze"]) for row in rows] == [False, True]
+    for row in rows:
+        gaze = ["--gaze", "{:g},{:g}".format(*row["gaze"]), "--levels", str(row["levels"]), "--levels-from", "random"
+                ] if row["gaze"] else []
+        asked = resolve(parse_request(
+            row["scene"], "--camera", row["camera"], "--size", "{}x{}".format(*row["size"]), *gaze))
+        pair = stereo_pair(asked.camera, units_per_metre=scene_scale(asked.model.name, None)[0])
+        trace = joint_trace(render_joint(
+            asked.model, pair, config=V3_EYES, foveation=asked.foveation, background=asked.background))
+        memory = MemoryModel("ideal", latency=row["latency"], bytes_per_cycle=row["bytes_per_cycle"])
+        found = simulate_supertiles(trace, V3_EYES, memory=memory, display=True, bounds=no_bounds(trace.supertiles))
+        assert found.total == pytest.approx(row["frame_cycles"], rel=0.002)
+        for phase in ("geometry", "render"):
+            assert found.phases[phase] == pytest.approx(row[f"{phase}_cycles"], rel=0.005)
+        assert {name: stage.busy for name, stage in found.stages.items()} == {
+            name: stage["busy"] for name, stage in row["stage_cycles"].items()}
