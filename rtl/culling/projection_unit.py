@@ -59,6 +59,8 @@ class ProjectionUnit(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
+        if not isinstance(config, AcceleratorConfig):
+            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         super().__init__({
             **setting_ports(config, settings(config)), **({"rendering": In(1)} if config.joint else {}),
             "sink": In(stream.Signature(layout(gaussian_point(config)))),
