@@ -147,5 +147,5 @@ def test_ctrl_c_ends_it_at_once_and_without_a_traceback(scene):
         if "in a browser" in line:
             break
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=120)
+    out, err = process.communicate(timeout=600)
     assert process.returncode == 0 and out.endswith("viewer ended\n") and "Traceback" not in err
