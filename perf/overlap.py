@@ -160,7 +160,7 @@ def simulate_overlap(
         memory: the memory; None for four channels of LPDDR3-1600.
 
     Raises:
-        ValueError: the machine has no super-tiles.
+        ValueError: the machine has no super-tiles, or cannot render the frame (`perf.supertiles.check_trace`).
     """
     check_supertiles(config)
     model = memory or MemoryModel(LPDDR3)

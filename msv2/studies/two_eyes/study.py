@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from golden.scenes.load import EMBEDDED
-from golden.scenes.request import make_folder, parse_size
+from golden.scenes.request import make_folder
 from msv2.studies.memory import MEMORY_NAMES
 from msv2.studies.page import write_page
 from msv2.studies.performance.frames import scene_file
@@ -23,16 +22,6 @@ from msv2.studies.record import write_report
 from msv2.studies.two_eyes import headset, measure
 from msv2.studies.two_eyes.page import GAIN_GOAL, SHARE_GOAL, page, summary
 from msv2.studies.v3 import frames
-from spec.command_line import command_parser
-from spec.paths import REPORTS
-
-
-def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = command_parser("msv2 study run two_eyes", __doc__)
-    frames.add_subjects(parser)
-    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",
-                        help="output folder (default: build/reports; --keep: reports)")
-    return parser.parse_args(argv)
 
 
 def measured(args: argparse.Namespace) -> dict[str, Any]:
@@ -61,9 +50,7 @@ def measured(args: argparse.Namespace) -> dict[str, Any]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line."""
-    args = _arguments(argv)
-    for size in args.size:
-        parse_size(size)
+    args = frames.frame_arguments("two_eyes", __doc__, argv)
     out = make_folder(args.out)
     content = measured(args)
     scenes = [scene_file(scene) for scene in args.scene or frames.SCENES if scene != EMBEDDED]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import parse_size
@@ -12,8 +14,9 @@ from msv2.studies.memory import IDEAL, LPDDR3, memory_arguments
 from msv2.studies.performance.frames import CHUNKS, SPATIAL, request, scene_file
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.trace import FrameTrace, trace_request
+from spec.command_line import command_parser
 from spec.config import PAPER, V3_RECORDS, AcceleratorConfig
-from spec.paths import cache_folder
+from spec.paths import REPORTS, cache_folder
 
 CACHE = cache_folder("traces")
 CLOCK_HZ = 1e9
@@ -46,6 +49,24 @@ class Subject:
 def subjects(scenes: tuple[str, ...] = SCENES, sizes: tuple[str, ...] = SIZES) -> list[Subject]:
     """All frames, the small ones first."""
     return [Subject(scene, size) for size in sizes for scene in scenes]
+
+
+def frame_arguments(study: str, doc: str | None, argv: Sequence[str] | None) -> argparse.Namespace:
+    """The command line of a study of these frames that has no other options than its frames and its output folder.
+
+    Args:
+        study: its name.
+        doc: the docstring of its module.
+        argv: the arguments; None for those of the process.
+    """
+    parser = command_parser(f"msv2 study run {study}", doc)
+    add_subjects(parser)
+    parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",
+                        help="output folder (default: build/reports; --keep: reports)")
+    args = parser.parse_args(argv)
+    for size in args.size:
+        parse_size(size)
+    return args
 
 
 def add_subjects(parser: argparse.ArgumentParser) -> None:
