@@ -19,7 +19,8 @@ from spec.joint import SHIFT_MOST
 from spec.memory import FIRST_PAGE_BEATS
 from spec.registers import read_clients, write_clients
 from spec.supertiles import BUCKET_PAIRS
-from tb.top.planned import SPEEDS, PlannedFrame, failing, planned
+from tb.top.plan_stereo import on_two_memories
+from tb.top.planned import PlannedFrame, failing, planned
 from tb.top.stimuli import Case, camera_of, case, cloud, clusters, crowd
 from tb.top.stimuli_stereo import aside, wall
 
@@ -73,19 +74,8 @@ def joint_cases(config: AcceleratorConfig, seed: int) -> list[Case]:
 
 
 def good_joint_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
-    """Every case on two memories, the second time without a reset and without clearing the memory of the previous frame. Every
-    third frame is followed, without a reset, by one of one eye. Every other frame has display pixels."""
-    rng, names = np.random.default_rng(seed), list(SPEEDS)
-    single = case(config, "one eye", cloud(rng, 120, levels=config.levels, sh=1), (64, 48), gaze=(20, 20))
-    cases, plan = joint_cases(config, seed), []
-    for second in (False, True):
-        for n, item in enumerate(cases):
-            speed = names[1 + n % 4] if second else "usual"
-            plan.append(planned(item, f"{speed} memory{', back to back' * second}", speed, display=n % 2 != second,
-                                reset=not second, poison=not second))
-            if n % 3 == 0:
-                plan.append(planned(single, f"after: {plan[-1].name}", reset=False, poison=False, display=n % 2 == 0))
-    return plan + joint_bucket_plan(config)
+    """Every joint case, as `on_two_memories` plays them, every other one with display pixels; then frames of several lists."""
+    return on_two_memories(config, joint_cases(config, seed), seed, alternate=True) + joint_bucket_plan(config)
 
 
 def after(this: Case, before: Case) -> Case:

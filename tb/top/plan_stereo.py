@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from spec.codes import ErrorCode
@@ -12,22 +14,34 @@ from spec.registers import CHUNK_READ_CLIENTS, read_clients, write_clients
 from spec.stereo import clear_cycles
 from tb.frame.bound import array_ops
 from tb.top.planned import SPEEDS, PlannedFrame, failing, planned
-from tb.top.stimuli import case, cloud, crowd
+from tb.top.stimuli import Case, case, cloud, crowd
 from tb.top.stimuli_stereo import aside, stereo_case, stereo_cases, wall
 
 
 def good_stereo_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
+    """Every case of two eyes, as `on_two_memories` plays them; all have display pixels."""
+    return on_two_memories(config, stereo_cases(config, seed), seed)
+
+
+def on_two_memories(
+    config: AcceleratorConfig, cases: Sequence[Case], seed: int, *, alternate: bool = False,
+) -> list[PlannedFrame]:
     """Every case on two memories, the second time without a reset and without clearing the memory of the previous frame.
 
     Every third frame is followed, without a reset, by one of one eye, in the one or the other pixel format.
+
+    Args:
+        config: the machine. cases: frames of two eyes. seed: of the frame of one eye.
+        alternate: whether every other frame of two eyes has display pixels; otherwise all are as `planned` makes them.
     """
     rng, names = np.random.default_rng(seed), list(SPEEDS)
     single = case(config, "one eye", cloud(rng, 120, levels=config.levels, sh=1), (64, 48), gaze=(20, 20))
-    cases, plan = stereo_cases(config, seed), []
+    plan: list[PlannedFrame] = []
     for second in (False, True):
         for n, item in enumerate(cases):
-            speed = names[1 + n % 4] if second else "usual"
-            plan.append(planned(item, f"{speed} memory{', back to back' * second}", speed, reset=not second, poison=not second))
+            speed, pixels = names[1 + n % 4] if second else "usual", {"display": n % 2 != second} if alternate else {}
+            plan.append(planned(item, f"{speed} memory{', back to back' * second}", speed, reset=not second, poison=not second,
+                                **pixels))
             if n % 3 == 0:
                 plan.append(planned(single, f"after: {plan[-1].name}", reset=False, poison=False, display=n % 2 == 0))
     return plan
