@@ -14,7 +14,7 @@ from spec.config import AcceleratorConfig
 from spec.host_settings import settings
 from spec.memory import BEAT_BYTES
 from spec.registers import register_map
-from tb.common.runner import Waves, simulate
+from tb.common.runner import Waves, random_start, simulate
 from tb.top.device import Machine
 from tb.top.memory import MemorySpeed, broken_rules, memory_beats, plusargs
 from tb.top.progress import Pass
@@ -138,7 +138,7 @@ class Map:
 
 def play_frames(
     machine: Machine, runs: Sequence[FrameRun], folder: Path, *, waves: Waves | None = None, progress: bool = False,
-    watchdog: int = 200_000,
+    watchdog: int = 200_000, start: int = 1,
 ) -> list[FrameResult]:
     """Plays `runs` in order in one simulation; all files stay in `folder`.
 
@@ -149,6 +149,7 @@ def play_frames(
         waves: the waves to record, or None.
         progress: whether to show a progress bar.
         watchdog: a frame is given up after this many cycles in which nothing moves on the bus.
+        start: the seed of the random bits with which an unknown machine (`Machine.unknown`) begins.
 
     Raises:
         SimulationError: the build or the simulation itself fails, which includes refused register accesses. Violated rules do
@@ -158,7 +159,7 @@ def play_frames(
     beats = memory_beats(max(run.image.beats for run in runs))
     simulate(
         machine.design(), "tb.top.frames", folder, waves=waves, env={"PLAYER_FOLDER": str(folder)},
-        plusargs=plusargs(folder, beats))
+        plusargs=[*plusargs(folder, beats), *(random_start(start) if machine.unknown else ())])
     return collect(registers, runs, folder)
 
 
