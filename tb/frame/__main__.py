@@ -109,7 +109,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     choice("part", args.part, PARTS)
     args.pixels = args.pixels or ("display" if args.stereo else "wide")
     joint = args.stereo and config.supertiles
-    if args.stereo and (args.part, args.pixels) not in (("machine", "display"), *([("machine", "wide")] * config.joint)):
+    if args.stereo and (args.part != "machine" or args.pixels != "display" and not config.joint):
         raise InputError(f"part {args.part!r}, pixels {args.pixels!r} are not accepted with --stereo: 'machine', 'display' are")
     check_row(args)
     options = run_options(args)
@@ -204,7 +204,7 @@ def _joint(
     (out / "frame.json").unlink(missing_ok=True)
     numbers, result = simulate_joint(
         golden, device.machine(golden.config), folder, beta=options.beta, speed=_speed(options), display=options.display,
-        waves=waves)
+        packed=options.packed, waves=waves)
     save_joint(golden, result, out)
     return {**numbers, "stereo": joint_request.joint_statistics(args, work.request, golden)}
 
