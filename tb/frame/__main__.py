@@ -82,6 +82,7 @@ examples:
   %(prog)s --frames 3 --turn 5                    three frames in a row, each with the lists that suit the one before
   %(prog)s --stereo --ecc-thresh 27 --config paper_small    two eyes, the second warped beyond 27 degrees
   %(prog)s --stereo --config v3_eyes              two eyes in one set of lists, nothing warped
+  %(prog)s --stereo --config v3_eyes_streams --pixels packed    the same by four arrays, both eyes' frames packed
   %(prog)s --part array --config paper            only the array, with the golden renderer's intersections
 """
 
