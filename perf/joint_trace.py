@@ -43,8 +43,9 @@ def joint_trace(frame: JointFrame, record: dict[str, object] | None = None, seco
         np.concatenate([eye.entries.use for eye in eyes]),
         np.concatenate([np.ones(len(eye.entries.use), np.uint8) if eye.regions is None else eye.regions for eye in eyes]),
         np.stack([np.concatenate([stop_entries(eye, stream) for eye in eyes]) for stream in range(frame.config.streams)]),
-        np.concatenate([block_sizes(eye) for eye in eyes]), len(np.unique(pairs.splat)), sum(int(eye.entries.filtered) for eye in eyes), dict(record or {}),
-        seconds + work_clock() - begin, eyes=EYES, shift=frame.registers.shift, places_by_eye=places, pair_drops=drops)
+        np.concatenate([block_sizes(eye) for eye in eyes]), len(np.unique(pairs.splat)),
+        sum(int(eye.entries.filtered) for eye in eyes), dict(record or {}), seconds + work_clock() - begin, eyes=EYES,
+        shift=frame.registers.shift, places_by_eye=places, pair_drops=drops)
 
 
 def _visible(frame: JointFrame) -> np.ndarray:

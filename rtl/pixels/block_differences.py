@@ -30,8 +30,8 @@ CODES = data.ArrayLayout(CODE_BITS, GROUPS)
 
 
 def place_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """The place of a row: its number in the block, the block, the eye in machines with joint frames, and whether no pixel of the
-    row lies in the frame."""
+    """The place of a row: its number in the block, the block, the eye in machines with joint frames, and whether no pixel of
+    the row lies in the frame."""
     return data.StructLayout({
         "row": 2, "block": BLOCK_BITS, **({"eye": 1} if config.joint else {}), "outside": 1})
 

@@ -110,7 +110,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     choice("part", args.part, PARTS)
     args.pixels = args.pixels or ("display" if args.stereo else "wide")
     joint = args.stereo and config.supertiles
-    if args.stereo and (args.part != "machine" or args.pixels != "display" and not config.joint):
+    if args.stereo and (args.part != "machine" or (args.pixels != "display" and not config.joint)):
         raise InputError(f"part {args.part!r}, pixels {args.pixels!r} are not accepted with --stereo: 'machine', 'display' are")
     check_row(args)
     options = run_options(args)

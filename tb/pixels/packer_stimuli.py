@@ -9,7 +9,6 @@ import numpy as np
 from golden.msv2_ref.frame_memory import displayed
 from golden.msv2_ref.frame_packing import PackedFrame, display_bytes, pack_frame
 from spec.config import AcceleratorConfig
-from spec.constants import TILE
 from spec.memory import BEAT_BITS, WORDS, frame_pixel, write_request
 from spec.packed import BLOCKS, ENTRIES, SLOT_BEATS
 from tb.vrc_array.pixel_writer_stimuli import random_pixels

@@ -97,8 +97,8 @@ def joint_bucket_plan(config: AcceleratorConfig) -> list[PlannedFrame]:
 
 
 def broken_joint_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
-    """Frames that end early. Each is followed by a frame that must be correct, in turn of two eyes and of one. Where the machine
-    packs frames, they are packed."""
+    """Frames that end early. Each is followed by a frame that must be correct, in turn of two eyes and of one. Where the
+    machine packs frames, they are packed."""
     rng = np.random.default_rng(seed)
     scene = joint_case(config, "two eyes", wall(rng, 2, config.levels), (64, 48), shift=2)
     single = case(config, "one eye", cloud(rng, 100, sh=1), (64, 48))

@@ -32,7 +32,8 @@ def on_two_memories(
 
     Args:
         config: the machine. cases: frames of two eyes. seed: of the frame of one eye.
-        alternate: whether frames of two eyes have the formats of `pixels_of` in turn; otherwise all are as `planned` makes them.
+        alternate: whether frames of two eyes have the formats of `pixels_of` in turn; otherwise all are as `planned` makes
+            them.
     """
     rng, names = np.random.default_rng(seed), list(SPEEDS)
     single = case(config, "one eye", cloud(rng, 120, levels=config.levels, sh=1), (64, 48), gaze=(20, 20))
