@@ -31,11 +31,11 @@ def joint_frames_table(reports: dict[str, dict]) -> str | None:
     """Joint frames through the RTL: their cycles, and the error of the model."""
     if "summary" not in reports.get("frames_eyes", {}):
         return None
-    rows = [[f"{row['scene']}, {row['size'][0]}x{row['size'][1]}", "4 levels" if row["levels"] > 1 else "-", f"`{row['config']}`",
-             row["pixels"], row.get("memory", IDEAL), f"{row['entries']:,}", f"{row['frame_cycles']:,}",
+    rows = [[f"{row['scene']}, {row['size'][0]}x{row['size'][1]}", "4 levels" if row["levels"] > 1 else "-",
+             f"`{row['config']}`", row["pixels"], row.get("memory", IDEAL), f"{row['entries']:,}", f"{row['frame_cycles']:,}",
              f"{100 * row['model']['error']:+.2f} %", _exact(row)] for row in reports["frames_eyes"]["rows"]]
-    return table(["frame", "foveation", "machine", "pixels", "memory", "intersections of both eyes", "cycles", "error of the model",
-                  "every bit and counter"], rows)
+    return table(["frame", "foveation", "machine", "pixels", "memory", "intersections of both eyes", "cycles",
+                  "error of the model", "every bit and counter"], rows)
 
 
 def joint_combinations_table(reports: dict[str, dict]) -> str | None:
@@ -45,7 +45,8 @@ def joint_combinations_table(reports: dict[str, dict]) -> str | None:
     rows = [[str(row["streams"]), row["pixels"], str(row["eyes"]), f"{row['frame_cycles']:,}",
              f"{row['dram_bytes']['writes']['frame']:,}", f"{100 * row['model']['error']:+.2f} %", _exact(row)]
             for row in reports["frames_eyes"]["combinations"]]
-    return table(["arrays", "pixels", "eyes", "cycles", "bytes of the frame", "error of the model", "every bit and counter"], rows)
+    return table(["arrays", "pixels", "eyes", "cycles", "bytes of the frame", "error of the model", "every bit and counter"],
+                 rows)
 
 
 def _exact(row: Mapping[str, Any]) -> str:

@@ -38,8 +38,8 @@ from msv2.studies.catalogue import BY_NAME
 from msv2.studies.destination import KEEP, keeping, tell
 from msv2.studies.record import liberties, write_report
 from msv2.studies.results.frames import frame_rows, write_frames
-from msv2.studies.results.joint_frames import VIEWS as JOINT_VIEWS
 from msv2.studies.results.joint_frames import COMBINATIONS, WANTED, measure_frames_eyes
+from msv2.studies.results.joint_frames import VIEWS as JOINT_VIEWS
 from msv2.studies.results.tables import PAGES, fill
 from msv2.studies.rtl_frame import AWAY, INSIDE
 from msv2.studies.rtl_frame import COMMAND as FRAME_COMMAND
