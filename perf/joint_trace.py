@@ -16,7 +16,7 @@ from golden.msv2_ref.joint import JointFrame
 from golden.msv2_ref.ranges import range_of
 from perf import geometry
 from perf.stops import stop_entries
-from perf.supertiles_trace import SuperTrace, chunk_turns, step_arrays, touched_intersections
+from perf.supertiles_trace import SuperTrace, block_sizes, chunk_turns, step_arrays, touched_intersections
 from spec.chunks import PLACE_BITS
 from spec.constants import MAX_LEVELS, SUPER_X, SUPER_Y
 from spec.joint import EYES, grid_origins
@@ -43,8 +43,9 @@ def joint_trace(frame: JointFrame, record: dict[str, object] | None = None, seco
         np.concatenate([eye.entries.use for eye in eyes]),
         np.concatenate([np.ones(len(eye.entries.use), np.uint8) if eye.regions is None else eye.regions for eye in eyes]),
         np.stack([np.concatenate([stop_entries(eye, stream) for eye in eyes]) for stream in range(frame.config.streams)]),
-        np.empty(0, np.uint8), len(np.unique(pairs.splat)), sum(int(eye.entries.filtered) for eye in eyes), dict(record or {}),
-        seconds + work_clock() - begin, eyes=EYES, shift=frame.registers.shift, places_by_eye=places, pair_drops=drops)
+        np.concatenate([block_sizes(eye) for eye in eyes]), len(np.unique(pairs.splat)),
+        sum(int(eye.entries.filtered) for eye in eyes), dict(record or {}), seconds + work_clock() - begin, eyes=EYES,
+        shift=frame.registers.shift, places_by_eye=places, pair_drops=drops)
 
 
 def _visible(frame: JointFrame) -> np.ndarray:

@@ -165,7 +165,7 @@ def simulate_overlap(
     check_supertiles(config)
     model = memory or MemoryModel(LPDDR3)
     supertiles.check_trace(trace, config, packed)
-    plan = super_plan(trace, config, steady_bounds(trace, config), None, display or packed)
+    plan = super_plan(trace, config, steady_bounds(trace, config), None, display, packed)
     s = LastingMemory(model).begin(supertiles_render.layout, SUPERTILE_READ_DEPTHS)
     s.credits[GEOMETRY] = s.credits[BIN_CHUNKS] = _UNLIMITED
     pixels = supertiles.PACKED if packed else int(display)

@@ -17,7 +17,7 @@ from spec.packed import BLOCK_HEIGHT, BLOCKS, ENTRIES, SLOT_BEATS
 layout = Layout(before)
 layout.words("""
     packs pack_rows pack_taken pack_bytes pack_buffer feed_block feed_beat pop_block pop_beat entries_held entries_beat
-    entries_due pack_blocks pack_table""")
+    entries_due pack_blocks pack_table pack_eye""")
 layout.ring("pack_times", 4)
 
 _ROWS = 11
@@ -37,6 +37,15 @@ def _number(drawn, at):
 
 
 @step
+def _of_eye(s, number):
+    """The first beat of the frame to which a block belongs, from that of the first eye's frame, and the block's number in it.
+    The blocks of a second eye follow those of the first."""
+    if number < s.pack_eye:
+        return 0, number
+    return s.eye_beats, number - s.pack_eye
+
+
+@step
 def _write(s, at):
     """Moves a beat to the register before the bus."""
     s.sends, s.send_at = 1, at
@@ -47,17 +56,18 @@ def _pop(s, drawn, sizes):
     """Moves an item out of the buffer behind the last stage: a beat, or the end of a block beyond the frame."""
     number = _number(drawn, s.pop_block)
     size, beat = sizes[number], s.pop_beat
+    base, own = _of_eye(s, number)
     last = beat + 1 >= size
-    if last and s.entries_held and s.entries_beat != number // ENTRIES:
+    if last and s.entries_held and s.entries_beat != base + own // ENTRIES:
         _write(s, s.pack_table + s.entries_beat)
         s.entries_held = 0
         return
     s.pack_buffer -= 1
     if size:
-        _write(s, SLOT_BEATS * number + beat)
+        _write(s, base + SLOT_BEATS * own + beat)
     s.pop_beat = 0 if last else beat + 1
     if last:
-        s.entries_beat = number // ENTRIES
+        s.entries_beat = base + own // ENTRIES
         s.entries_held += 1
         s.pop_block += 1
         s.entries_due = s.entries_held == ENTRIES or s.pop_block == s.pack_blocks

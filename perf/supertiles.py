@@ -19,7 +19,7 @@ from perf.supertiles_trace import SuperTrace
 from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES
 from spec.memory import BEAT_BYTES, BEAT_ENTRIES, DISPLAY_PIXEL_BYTES, PIXEL_BYTES, colour_beats
-from spec.packed import table_beat
+from spec.packed import BLOCKS, table_beat
 from spec.queues import LIST_POINTERS, OUTPUT_DRAINS, SUPERTILE_READ_DEPTHS, TILE_TEST_BESIDE
 from spec.records import COUNT_BITS, frame_lists, frame_supertiles
 from spec.registers import WRITE_CLIENTS, read_clients, stages, write_clients
@@ -94,8 +94,7 @@ def simulate_supertiles(
         shared_colour: whether the colours of a pair are computed once for both eyes of a joint frame.
 
     Raises:
-        ValueError: the machine has no super-tiles, a lower SH degree than the frame, or packs no frames, or not
-            those of two eyes.
+        ValueError: the machine has no super-tiles, a lower SH degree than the frame, or packs no frames.
     """
     check_supertiles(config)
     if not isinstance(memory, LastingMemory):
@@ -104,7 +103,7 @@ def simulate_supertiles(
         config = config.with_(incremental=pipeline)
     check_trace(trace, config, packed)
     beta, begin = beta if merge else 0, work_clock()
-    plan = super_plan(trace, config, steady_bounds(trace, config) if bounds is None else bounds, beta, display or packed)
+    plan = super_plan(trace, config, steady_bounds(trace, config) if bounds is None else bounds, beta, display, packed)
     clear = clear_cycles(trace, config)
     memory.wait(clear)
     table = table_cycles(memory, trace.eye_tiles, plan.where.tiles, SUPERTILE_READ_DEPTHS)
@@ -145,8 +144,6 @@ def check_trace(trace: SuperTrace, config: AcceleratorConfig, packed: bool) -> N
         raise ValueError(f"config must be a machine of SH degree {trace.sh_degree}, not {config.sh_degree!r}")
     if packed and not config.packed:
         raise ValueError(f"config must be a machine that packs frames, not {config.name!r}")
-    if packed and trace.eyes > 1:
-        raise ValueError(f"trace must be one of a single eye where frames are packed, not of {trace.eyes!r}")
 
 
 def clear_cycles(trace: SuperTrace, config: AcceleratorConfig) -> int:
@@ -219,7 +216,7 @@ def _new_streams(config: AcceleratorConfig) -> np.recarray:
 
 def _set_frame(s: np.record, trace: SuperTrace, config: AcceleratorConfig, pixels: int) -> None:
     """Sets what the pixel writer or the frame packer needs."""
-    s.packs, s.pack_blocks = pixels == PACKED, len(trace.blocks)
+    s.packs, s.pack_blocks, s.pack_eye = pixels == PACKED, len(trace.blocks), BLOCKS * trace.eye_tiles
     s.pack_table = table_beat(trace.width, trace.height)
     s.array_x, s.row_x, s.read_ahead = config.array_x, frame_rows(config).cores_x, READ_AHEAD
     s.width, s.height, s.tiles_x = trace.width, trace.height, trace.tiles_x

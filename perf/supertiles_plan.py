@@ -31,6 +31,7 @@ from spec.memory import (
     colour_beats,
     pages_beyond_first,
 )
+from spec.packed import packed_beats
 from spec.records import frame_lists
 from spec.supertiles import HEADER_WAYS
 
@@ -242,7 +243,7 @@ def frame_beats(trace: SuperTrace, pixel: int) -> int:
 
 
 def super_plan(
-    trace: SuperTrace, config: AcceleratorConfig, bounds: Bounds, beta: int | None, display: bool,
+    trace: SuperTrace, config: AcceleratorConfig, bounds: Bounds, beta: int | None, display: bool, packed: bool = False,
 ) -> SuperPlan:
     """The data that the phases of a frame need.
 
@@ -250,7 +251,7 @@ def super_plan(
         trace, config: the frame and the machine.
         bounds: those that the frame before left.
         beta: the merge threshold; None for the automatic one, 0 if nothing is merged.
-        display: whether a pixel takes 4 bytes in memory instead of 16.
+        display: whether a pixel takes 4 bytes in memory instead of 16. packed: whether the frame is packed instead.
     """
     lists = lists_plan(trace, bounds)
     groups = merge_lists(config, lists.counts, beta)
@@ -258,7 +259,8 @@ def super_plan(
     missed = find_misses(
         trace.chunk.astype(np.int64), np.zeros(trace.pairs, np.int64), config.header_lines, HEADER_WAYS, False, False)
     table = -(-trace.eye_tiles * TILE_SETTING_BYTES // BEAT_BYTES)
-    pixels = frame_beats(trace, DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES)
+    pixels = (packed_beats(trace.width, trace.height) if packed else
+              frame_beats(trace, DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES))
     regions = lay_out({
         "chunks": len(trace.chunk_count), "geometry": -(-trace.points // 2),
         "colour": trace.points * colour_beats(config, trace.sh_degree), "tiles": table,

@@ -65,7 +65,8 @@ class SuperTrace:
         regions: (intersections,) uint8, the streams that have it, one bit each.
         stop: (streams, tiles, 2) int32, the stream's intersections after which all pixels of a level bank have stopped; -1
             where some never stop.
-        blocks: (blocks,) uint8, the beats of each block of the packed frame (`spec.packed`), by number; none in joint frames.
+        blocks: (blocks,) uint8, the beats of each block of the packed frame (`spec.packed`), by number; in joint frames the
+            second eye's follow.
         survivors: the number of splats with a pair. filtered: that of intersections that the foveation filter dropped.
         record: the request as JSON-ready values. golden_seconds: the CPU time that rendering and tracing took.
         eyes: 2 in joint frames (`spec.joint`), whose tiles are those of the source and then those of the target. All properties
@@ -197,8 +198,13 @@ def super_trace(
         r.header[:, 1] != 0, pairs.intersection.astype(np.int32), e.use,
         np.ones(len(e.use), np.uint8) if frame.regions is None else frame.regions,
         np.stack([stop_entries(frame, q) for q in range(frame.config.streams)]) if stop is None else stop,
-        pack_frame(display_bytes(display_pixels(frame))).sizes.astype(np.uint8), len(np.unique(pairs.splat)),
+        block_sizes(frame), len(np.unique(pairs.splat)),
         int(e.filtered), dict(record or {}), seconds + work_clock() - begin)
+
+
+def block_sizes(frame: pipeline.Frame) -> np.ndarray:
+    """(blocks,) uint8, the beats of each block of the packed frame."""
+    return pack_frame(display_bytes(display_pixels(frame))).sizes.astype(np.uint8)
 
 
 def chunk_turns(count: np.ndarray) -> np.ndarray:

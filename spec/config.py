@@ -3,10 +3,10 @@
 V3 is our machine: the resources of the paper, a model in spatial order, read in chunks of compact records, and lists by
 super-tile (`spec.supertiles`). It renders one eye. DEFAULT is V3 with fewer front-end units and a narrower row, HEADSET
 V3 with a wider one. V3_PACKED packs its frames (`spec.packed`), V3_STREAMS has four arrays, and V3_EYES renders two eyes from
-one set of lists (`spec.joint`). PAPER reproduces the machine of the paper (section 7, "Hardware Implementation"), whose lists
-belong to tiles; it and variants of it warp the second eye. TINY, TINY_V3, TINY_STREAMS and TINY_EYES are for fast simulation.
-PRECISE, BALANCED and FAST are V3 with the word lengths and SH degrees that lost at most 0.01, 0.1 and 0.5 dB of PSNR on PAPER
-(docs/tradeoff.md).
+one set of lists (`spec.joint`), V3_EYES_STREAMS by four arrays into packed frames. PAPER reproduces the machine of the paper
+(section 7, "Hardware Implementation"), whose lists belong to tiles; it and variants of it warp the second eye. TINY, TINY_V3,
+TINY_STREAMS and TINY_EYES are for fast simulation. PRECISE, BALANCED and FAST are V3 with the word lengths and SH degrees that
+lost at most 0.01, 0.1 and 0.5 dB of PSNR on PAPER (docs/tradeoff.md).
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class AcceleratorConfig:
             and takes a stream of its own from the batch buffer (`spec.supertiles`).
         packed: whether the machine can pack frames for displays (`spec.packed`); this needs lists by super-tile.
         joint: whether the machine renders joint frames of two eyes (`spec.joint`) besides frames of one; this needs lists by
-            super-tile, and excludes `packed`.
+            super-tile.
         formats: number formats.
     """
 
@@ -186,8 +186,6 @@ class AcceleratorConfig:
         for name, has in (("streams", self.streams > 1), ("packed frames", self.packed), ("joint frames", self.joint)):
             if has and not self.supertiles:
                 raise ValueError(f"lists must be 'supertile' in a machine with {name}, not {self.lists!r}")
-        if self.joint and self.packed:
-            raise ValueError("packed must be False in a machine with joint frames: it packs none of two eyes")
         if self.stereo and not self.depth:
             raise ValueError(f"depth must be True in a machine with stereo, not {self.depth!r}")
         sigma = self.support_sigma
@@ -304,6 +302,8 @@ V3_PACKED = V3.with_(name="v3_packed", packed=True)
 V3_STREAMS = V3.with_(name="v3_streams", streams=4)
 TINY_STREAMS = TINY_V3.with_(name="tiny_streams", cores_x=8, cores_y=8, streams=4)
 V3_EYES = V3.with_(name="v3_eyes", joint=True)
+V3_EYES_STREAMS = V3_EYES.with_(name="v3_eyes_streams", streams=4, packed=True)
+"""Everything that V3 can have, for two eyes: four arrays, and frames that are packed."""
 TINY_EYES = TINY_V3.with_(name="tiny_eyes", joint=True)
 DEFAULT = V3.with_(name="default", culling_units=2, row_width=1280)
 HEADSET = V3.with_(name="headset", row_width=2208, list_heads=2048)
@@ -325,6 +325,7 @@ PRESETS = {config.name: config for config in (PRECISE, BALANCED, FAST)}
 CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER, V3, *PRESETS.values())}
 
 MACHINES = CONFIGS | {config.name: config for config in (
-    TINY_V3, TINY_STREAMS, TINY_EYES, PAPER_BASE, PAPER_SMALL, V3_RECORDS, V3_PACKED, V3_STREAMS, V3_EYES, HEADSET)}
+    TINY_V3, TINY_STREAMS, TINY_EYES, PAPER_BASE, PAPER_SMALL, V3_RECORDS, V3_PACKED, V3_STREAMS, V3_EYES, V3_EYES_STREAMS,
+    HEADSET)}
 """What command lines take as a machine's name: those above, small ones for tests, the paper's baseline, PAPER with a smaller
 front end, and the steps from PAPER to V3 and beyond."""

@@ -52,8 +52,8 @@ class Limit:
 
 def with_every_register(config: AcceleratorConfig) -> tuple[AcceleratorConfig, AcceleratorConfig, AcceleratorConfig]:
     """Three machines that together have the registers of all machines with the same number formats: one with chunks and stereo,
-    one with lists by super-tile, which exclude stereo, and packed frames, and one with joint frames, which exclude packed ones.
-    Registers that a later one has and no earlier one have the higher addresses."""
+    one with lists by super-tile, which exclude stereo, and packed frames, and one with joint frames. Registers that a later one
+    has and no earlier one have the higher addresses; the third one lacks what the second one has already."""
     chunked = config.with_(lockstep=False, streams=1, lists="tile", order="spatial", chunks=True, packed=False, joint=False)
     supertiles = chunked.with_(stereo=False, records="compact", lists="supertile")
     return chunked.with_(depth=True, stereo=True), supertiles.with_(packed=True), supertiles.with_(joint=True)

@@ -43,6 +43,9 @@ older frame or of another block, with a probability of 1 - 2^-12. `check` is 0 w
 **Errors.** PackedError names what is wrong with a block. They are looked for in the order of their numbers, and the first one
 is told.
 
+**Two eyes.** A joint frame (`spec.joint`) is two packed frames, each with its slots, table and numbers of blocks as if it were
+alone: the source's at `frame_base`, the target's at `target_frame_base`.
+
 **Cost.** A plain block costs its pixels and an entry, 258 bytes for 256: noise costs 0.8 % more than unpacked.
 """
 
@@ -53,7 +56,7 @@ from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.formats import UQ
 from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES, WORD_BITS, WORDS
-from spec.records import TILE_BITS, Field, Record, uint
+from spec.records import TILE_BITS, Field, Record, eye, uint
 
 BLOCK_WIDTH = TILE
 """Pixels of a block's row: blocks are as wide as a tile."""
@@ -150,7 +153,7 @@ def block_row(config: AcceleratorConfig) -> Record:
         Field("pixel", uint(8), "r, g, b, coverage of each pixel, left to right", CHANNELS * BLOCK_WIDTH),
         Field("inside", uint(BLOCK_WIDTH.bit_length()), "how many of them, from the left, lie in the frame"),
         Field("row", uint((BLOCK_HEIGHT - 1).bit_length()), "number of the row"),
-        Field("block", uint(BLOCK_BITS), "number of the block"),
+        Field("block", uint(BLOCK_BITS), "number of the block"), *eye(config),
     ))
 
 
@@ -158,7 +161,7 @@ def packed_beat(config: AcceleratorConfig) -> Record:
     """A beat of a packed block; a block beyond the frame has one item, which is no beat."""
     return Record("PackedBeat", packed_beat.__doc__, (
         Field("word", uint(WORD_BITS), "the beat, lowest address first", WORDS),
-        Field("block", uint(BLOCK_BITS), "number of the block"),
+        Field("block", uint(BLOCK_BITS), "number of the block"), *eye(config),
         Field("size", uint(4), "beats of the block up to this one; 0: no beat"),
         Field("last", uint(1), "the block's last item: `size` and `check` are those of its PackedEntry"),
         Field("check", uint(CHECK_BITS), "remainder over the block's beats up to this one"),

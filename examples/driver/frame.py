@@ -3,6 +3,7 @@
     python examples/driver/frame.py
     python examples/driver/frame.py --config tiny_v3 --frames 3
     python examples/driver/frame.py --config tiny_v3_packed     # packed frames, which the driver's unpacker unpacks
+    python examples/driver/frame.py --config tiny_eyes          # joint frames of two eyes; tiny_eyes_packed packs them
 
 The first run of a machine builds its simulator, which takes minutes; later ones take seconds. Frames follow each other without
 a reset, seen by one camera after the other, and machines with lists by super-tile keep what they have learnt from the frame
@@ -19,32 +20,40 @@ import os
 import re
 import subprocess
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from frame_image import write_frame_image
 
-from golden.host.memory_image import DisplayPixels, MemoryImage, PackedPixels
+from golden.host.memory_image import DisplayPixels, MemoryImage
 from golden.msv2_ref.batches import following
 from golden.msv2_ref.frame_memory import display_pixels
+from golden.msv2_ref.joint import JointFrame, render_joint
 from golden.msv2_ref.pipeline import Frame, render
 from golden.scenes.embedded.splats import cached_embedded_model
 from golden.scenes.embedded.views import embedded_cameras
 from golden.scenes.pictures import save_png
 from golden.scenes.request import make_folder
+from golden.scenes.stereo import stereo_pair
 from msv2.verilog.export import export
-from spec.config import TINY, TINY_V3, AcceleratorConfig
+from spec.config import TINY, TINY_EYES, TINY_V3, AcceleratorConfig
 from spec.errors import InputError, run_command_line
 from spec.memory import DISPLAY_PIXEL_BYTES
 from spec.paths import DOCS
 from tb.common.runner import VERILATOR, check_tools, verilator_environment
 from tb.frame.whole import picture
 from tb.top.check import differences, expected_events, mismatches
+from tb.top.check_joint import joint_events
+from tb.top.plan_joint import after
+from tb.top.stimuli import Case
 
 HERE = Path(__file__).resolve().parent
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Wstrict-prototypes", "-Werror", "-O2")
 C_SOURCES = ("msv2_driver.c", "msv2_packed.c", "demo.c")
-MACHINES = {config.name: config for config in (TINY, TINY_V3, TINY_V3.with_(name="tiny_v3_packed", packed=True))}
+MACHINES = {config.name: config for config in (
+    TINY, TINY_V3, TINY_V3.with_(name="tiny_v3_packed", packed=True), TINY_EYES,
+    TINY_EYES.with_(name="tiny_eyes_packed", packed=True))}
 CAMERAS = 8
 """Cameras of the embedded scene's orbit."""
 
@@ -91,29 +100,35 @@ def build(config: AcceleratorConfig, folder: Path) -> Path:
     return simulator
 
 
-def golden_frames(config: AcceleratorConfig, size: int, count: int) -> list[Frame]:
-    """Square frames of the embedded scene from its cameras in turn, as a machine renders them one after the other."""
+def golden_frames(config: AcceleratorConfig, size: int, count: int) -> list[Frame | JointFrame]:
+    """Square frames of the embedded scene from its cameras in turn, as a machine renders them one after the other: joint frames
+    of both eyes on a machine that has them."""
     model, cameras = cached_embedded_model(), embedded_cameras(size, size)
-    frames: list[Frame] = []
+    frames: list[Frame | JointFrame] = []
     for number in range(count):
-        frame = render(model, cameras[number % CAMERAS], config=config)
-        frames.append(following(frame, frames[-1], None) if config.supertiles and frames else frame)
+        camera = cameras[number % CAMERAS]
+        if config.joint:
+            case = Case("", render_joint(model, stereo_pair(camera), config=config), None, False)
+            frames.append(after(case, replace(case, frame=frames[-1])).frame if frames else case.frame)
+        else:
+            frame = render(model, camera, config=config)
+            frames.append(following(frame, frames[-1], None) if config.supertiles and frames else frame)
     return frames
 
 
-def wrong_counts(frame: Frame, said: str) -> list[str]:
+def wrong_counts(frame: Frame | JointFrame, said: str) -> list[str]:
     """The counters that the driver has printed for a frame and that differ from the golden frame's counts."""
     found = {name: int(value) for name, value in re.findall(r"(\w+) (\d+)", said.partition("\n")[2])}
-    events = expected_events(frame) | {"frames": 1}
+    events = (joint_events(frame) if isinstance(frame, JointFrame) else expected_events(frame)) | {"frames": 1}
     return [f"counter {name} must be {events[name]}, not {count}" for name, count in found.items()
             if events.get(name, count) != count]
 
 
-def unpacked(image: MemoryImage, path: Path) -> DisplayPixels:
-    """The pixels that the driver's unpacker made of a packed frame, which follow it in the file."""
-    pixels = image.width * image.height * DISPLAY_PIXEL_BYTES
-    data = np.fromfile(path, np.uint8)[-pixels:].reshape(image.height, image.width, DISPLAY_PIXEL_BYTES).astype(np.int64)
-    return DisplayPixels(data[..., :3], data[..., 3])
+def unpacked(image: MemoryImage, path: Path, eyes: int) -> list[DisplayPixels]:
+    """The pixels that the driver's unpacker made of a packed frame of so many eyes, which follow it in the file."""
+    pixels = eyes * image.width * image.height * DISPLAY_PIXEL_BYTES
+    data = np.fromfile(path, np.uint8)[-pixels:].reshape(eyes, image.height, image.width, DISPLAY_PIXEL_BYTES).astype(np.int64)
+    return [DisplayPixels(eye[..., :3], eye[..., 3]) for eye in data]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -149,16 +164,22 @@ def rendered(simulator: Path, config: AcceleratorConfig, out: Path, size: int, c
         return 1
     wrong = 0
     for number, (frame, image, said) in enumerate(zip(frames, images, done.stdout.split("machine ")[1:], strict=True)):
-        pixels = image.frame(out / f"frame{number}.bin")
-        save_png(out / f"frame{number}.png", picture(frame, pixels))
-        counts, values = wrong_counts(frame, said), mismatches(frame, pixels)
-        if isinstance(pixels, PackedPixels):
-            values += differences(display_pixels(frame), unpacked(image, out / f"frame{number}.bin"))
+        path, counts = out / f"frame{number}.bin", wrong_counts(frame, said)
+        eyes = frame.eyes if isinstance(frame, JointFrame) else (frame,)
+        found = [image.frame(path), image.target_frame(path)][: len(eyes)]
+        for eye, pixels, name in zip(eyes, found, ("", "_target"), strict=False):
+            save_png(out / f"frame{number}{name}.png", picture(eye, pixels))
+        values = [wrong for eye, pixels in zip(eyes, found, strict=True) for wrong in mismatches(eye, pixels)]
+        if image.packed:
+            values += [wrong for eye, pixels in zip(eyes, unpacked(image, path, len(eyes)), strict=True)
+                       for wrong in differences(display_pixels(eye), pixels)]
         for line in counts:
             print(line)
         lists = f", {frame.bounds.lists} lists" if frame.bounds else ""
-        print(f"frame {number}: {size}x{size} pixels, {len(frame.entries.splat)} intersections{lists}, "
-              f"{len(values)} values differ from the golden frame")
+        both = " for each of two eyes" if len(eyes) > 1 else ""
+        count = sum(len(eye.entries.splat) for eye in eyes)
+        print(f"frame {number}: {size}x{size} pixels{both}, {count} intersections{lists}, {len(values)} values differ "
+              "from the golden frame")
         wrong += bool(values or counts)
     return int(wrong > 0)
 

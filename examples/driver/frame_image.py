@@ -15,6 +15,7 @@ from pathlib import Path
 
 from golden.host.image_file import image_bytes, read_image
 from golden.host.memory_image import MemoryImage
+from golden.msv2_ref.joint import JointFrame
 from golden.msv2_ref.pipeline import Frame, render
 from golden.scenes.files import atomic_output
 from golden.scenes.request import add_request_arguments, resolve
@@ -25,6 +26,7 @@ from spec.images import RECORD_FORMATS
 from spec.memory import BEAT_BYTES
 from spec.overrides import add_config_arguments, config_from
 from tb.top.check import frame_run
+from tb.top.check_joint import joint_run
 from tb.top.player import Map, setting_writes
 
 DEFAULT_OUT = Path("build/driver/frame.img")
@@ -37,14 +39,15 @@ def frame_image_bytes(image: MemoryImage) -> bytes:
         image, {registers[name]: value for name, value in setting_writes(image.config, image, {}).items()})
 
 
-def write_frame_image(frame: Frame, path: Path) -> MemoryImage:
-    """Writes the image of a golden frame for displays, with exactly as much memory as it needs, and returns it. The frame of a
-    machine that packs frames is packed.
+def write_frame_image(frame: Frame | JointFrame, path: Path) -> MemoryImage:
+    """Writes the image of a golden frame for displays, of one eye or of both (`spec.joint`), with exactly as much memory as it
+    needs, and returns it. The frame of a machine that packs frames is packed.
 
     Raises:
         InputError: the folder does not exist or is not writable.
     """
-    image = frame_run(frame, None, display=True, packed=frame.config.packed).image
+    run = joint_run if isinstance(frame, JointFrame) else frame_run
+    image = run(frame, None, display=True, packed=frame.config.packed).image
     with atomic_output(path) as file:
         file.write(frame_image_bytes(image))
     return image

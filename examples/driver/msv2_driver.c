@@ -37,6 +37,17 @@ static uint32_t word_at(const uint8_t *bytes, uint32_t number)
     return (uint32_t)at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 | (uint32_t)at[3] << 24;
 }
 
+/* The value of the setting at an offset; 0 where the image has none. */
+static uint32_t setting_of(const struct msv2_image *image, uint32_t offset)
+{
+    uint32_t number;
+
+    for (number = 0; number < image->setting_count; number++)
+        if (word_at(image->settings, 2u * number) == offset)
+            return word_at(image->settings, 2u * number + 1u);
+    return 0;
+}
+
 static uint32_t part(uint32_t value, uint32_t mask, uint32_t shift)
 {
     return (value & mask) >> shift;
@@ -109,6 +120,14 @@ enum msv2_result msv2_image_open(struct msv2_image *image, const uint8_t *bytes,
 
         if (place > size || count > size - place || address > image->memory || count > image->memory - address)
             return MSV2_BAD_IMAGE;
+    }
+    image->target = 0;
+    if (setting_of(image, MSV2_STEREO) || setting_of(image, MSV2_JOINT)) {
+        uint32_t beat = setting_of(image, MSV2_TARGET_FRAME_BASE);
+
+        if (beat >= image->memory / BEAT_BYTES)
+            return MSV2_BAD_IMAGE;
+        image->target = BEAT_BYTES * beat;
     }
     return MSV2_OK;
 }

@@ -86,6 +86,7 @@ struct msv2_image {
     uint32_t pixel_bytes; /* 0: the frame is packed, and msv2_unpack_frame (msv2_packed.h) gives its pixels */
     uint32_t frame;  /* where the pixels will be, in bytes from the start of the image in memory; rows without gaps */
     uint32_t memory; /* bytes of memory that the frame needs from there on */
+    uint32_t target; /* of a frame of two eyes: where the second eye's pixels will be, as `frame`; 0: the frame has one eye */
 };
 
 /* Why a frame ended early. */

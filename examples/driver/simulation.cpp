@@ -3,7 +3,8 @@
 //     simulation ADDRESS TIMEOUT IMAGE FRAME [IMAGE FRAME ...]
 //
 // Runs demo() on each frame image IMAGE in turn, at byte address ADDRESS, and writes the memory of its frame to the file FRAME.
-// Behind a packed frame follow its pixels, as msv2_unpack_frame gives them; a damaged one ends with exit status 97.
+// Of a frame of two eyes it is the memory from the first eye's frame to the end of the second eye's. Behind packed frames follow
+// their pixels, as msv2_unpack_frame gives them; a damaged one ends with exit status 97.
 // There is no reset between frames, and none that fails is followed by another. A millisecond of the driver's timeout is
 // 100,000 cycles here. The exit status is demo's; 99: the bus broke a rule.
 // SPDX-License-Identifier: Apache-2.0
@@ -250,10 +251,13 @@ int main(int argc, char **argv) {
         const size_t pixels = static_cast<size_t>(width) * height;
         const bool packed = image.head.pixel_bytes == 0;
         const size_t bytes = packed ? msv2_packed_bytes(width, height) : pixels * image.head.pixel_bytes;
-        const uint8_t *frame = simulation.memory.at(static_cast<uint64_t>(address) + image.head.frame, bytes);
+        const uint32_t last = image.head.target ? image.head.target : image.head.frame;
+        const size_t all = last - image.head.frame + bytes;
+        const uint8_t *frames = simulation.memory.at(static_cast<uint64_t>(address) + image.head.frame, all);
         std::ofstream out(argv[4 + 2 * place], std::ios::binary);
-        out.write(reinterpret_cast<const char *>(frame), static_cast<long>(bytes));
-        if (packed) {
+        out.write(reinterpret_cast<const char *>(frames), static_cast<long>(all));
+        for (uint32_t eye = 0; packed && eye <= (image.head.target != 0); eye++) {
+            const uint8_t *frame = frames + (eye ? last - image.head.frame : 0);
             std::vector<uint8_t> unpacked(4 * pixels);
             msv2_packed_damage damage{};
             if (msv2_unpack_frame(frame, static_cast<uint32_t>(bytes), width, height, unpacked.data(), &damage) !=

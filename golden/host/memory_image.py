@@ -143,18 +143,20 @@ class MemoryImage:
 
     def frame(self, path: Path) -> FramePixels | DisplayPixels | PackedPixels:
         """Reads the frame from a dump of the region `frames`; of a frame of two eyes, it reads the source eye's."""
-        if self.packed:
-            return read_packed(np.fromfile(path, np.uint8), self.width, self.height)
-        return read_frame(
-            self.config, np.fromfile(path, np.uint8), self.width, self.height, display=bool(self.settings["display"]))
+        return self._read(path, 0)
 
-    def target_frame(self, path: Path) -> FramePixels | DisplayPixels | None:
+    def target_frame(self, path: Path) -> FramePixels | DisplayPixels | PackedPixels | None:
         """Reads the target eye's frame from the same dump; returns None for a frame of one eye."""
         if "target_frame" not in self.regions:
             return None
-        begin = BEAT_BYTES * (self.regions["target_frame"].base - self.frames.base)
-        return read_frame(self.config, np.fromfile(path, np.uint8)[begin:], self.width, self.height,
-                          display=bool(self.settings["display"]))
+        return self._read(path, self.regions["target_frame"].base - self.frames.base)
+
+    def _read(self, path: Path, beat: int) -> FramePixels | DisplayPixels | PackedPixels:
+        """Reads the frame that begins at a beat of a dump."""
+        data = np.fromfile(path, np.uint8)[BEAT_BYTES * beat :]
+        if self.packed:
+            return read_packed(data, self.width, self.height)
+        return read_frame(self.config, data, self.width, self.height, display=bool(self.settings["display"]))
 
     @property
     def frames(self) -> Region:
@@ -236,7 +238,7 @@ def memory_image(
         beta: merge threshold; 0 merges nothing, and None lets the machine choose it.
         obb: test tiles against bounding boxes instead of the exact ellipse.
         display: write the frame in the format for displays.
-        packed: pack the frame (`spec.packed`); it then has the format for displays.
+        packed: pack the frame, in joint frames that of either eye (`spec.packed`); it then has the format for displays.
         gaussians: `gaussian_bytes` of the words, where several frames share them.
         second: registers of the target eye, for a frame of two eyes; where it is warped, the frame always has the format for
             displays. JointRegisters are those of both eyes of a joint frame.

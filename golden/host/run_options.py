@@ -95,8 +95,6 @@ def run_options(args: argparse.Namespace) -> RunOptions:
     """
     choice("machine", args.machine, MACHINES)
     pixels = choice("pixels", args.pixels or ("display" if args.stereo else "wide"), PIXELS)
-    if args.stereo and pixels == "packed":
-        raise InputError("pixels 'packed' is not accepted with --stereo: 'display' is")
     merge = parse_switch("merge", args.merge)
     incremental = None if args.pipeline is None else parse_switch("pipeline", args.pipeline)
     named = [name for name in OF_IDEAL if getattr(args, name) is not None]

@@ -123,11 +123,13 @@ def pack_frame(pixels: np.ndarray) -> PackedFrame:
     return PackedFrame(width, height, sizes, block_checks(slots, sizes), slots.reshape(count, SLOT_BEATS, BEAT_BYTES))
 
 
-def table_writes(tiles: np.ndarray) -> int:
-    """Beats of the table that the machine writes if the tiles of a frame, (tiles,) numbers, are packed in this order. Tiles
-    that follow each other share a write where their entries lie in the same beat."""
+def table_writes(tiles: np.ndarray, eyes: np.ndarray | int = 0) -> int:
+    """Beats of the tables that the machine writes if the tiles of a frame, (tiles,) numbers, are packed in this order. Tiles
+    that follow each other share a write where their entries lie in the same beat of the same table; `eyes`, (tiles,), are those
+    of the tiles in joint frames."""
     beats = np.asarray(tiles) // (ENTRIES // BLOCKS)
-    return int(np.count_nonzero(np.diff(beats))) + 1
+    of = np.broadcast_to(eyes, beats.shape)
+    return int(np.count_nonzero((np.diff(beats) != 0) | (np.diff(of) != 0))) + 1
 
 
 def _groups(blocks: np.ndarray) -> np.ndarray:

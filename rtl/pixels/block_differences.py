@@ -28,19 +28,25 @@ VALUES = data.ArrayLayout(data.ArrayLayout(8, CHANNELS), BLOCK_WIDTH)
 CODES = data.ArrayLayout(CODE_BITS, GROUPS)
 """The codes of a row's groups."""
 
-PLACE = data.StructLayout({"row": 2, "block": BLOCK_BITS, "outside": 1})
-"""The place of a row: its number in the block, the block, and whether no pixel of the row lies in the frame."""
 
-CODED_ROW = data.StructLayout({"values": VALUES, "codes": CODES, "place": PLACE})
-"""A row with its codes. Row 0 still has the differences of the first pixel, which its codes leave out."""
+def place_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """The place of a row: its number in the block, the block, the eye in machines with joint frames, and whether no pixel of
+    the row lies in the frame."""
+    return data.StructLayout({
+        "row": 2, "block": BLOCK_BITS, **({"eye": 1} if config.joint else {}), "outside": 1})
+
+
+def coded_row(config: AcceleratorConfig) -> data.StructLayout:
+    """A row with its codes. Row 0 still has the differences of the first pixel, which its codes leave out."""
+    return data.StructLayout({"values": VALUES, "codes": CODES, "place": place_layout(config)})
 
 
 class BlockDifferences(wiring.Component):
-    """Turns rows of blocks (BlockRow) into differences with the codes of their groups (CODED_ROW).
+    """Turns rows of blocks (BlockRow) into differences with the codes of their groups (`coded_row`).
 
     Ports:
         rows: the rows of each block, row 0 first.
-        coded: the same rows.
+        coded: the same rows, as `coded_row`.
         busy: a row is inside.
 
     Storage: five rows. Throughput: a row a cycle. Latency: 4 cycles: differences along the row, differences to the row above,
@@ -50,14 +56,16 @@ class BlockDifferences(wiring.Component):
     def __init__(self, config: AcceleratorConfig):
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+        self._place = place_layout(config)
         super().__init__({
-            "rows": In(stream.Signature(layout(block_row(config)))), "coded": Out(stream.Signature(CODED_ROW)), "busy": Out(1),
+            "rows": In(stream.Signature(layout(block_row(config)))), "coded": Out(stream.Signature(coded_row(config))),
+            "busy": Out(1),
         })
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
         room, valid = Signal(), Signal(4)
-        places = [Signal(PLACE, name=f"place_{n}", reset_less=True) for n in range(3)]
+        places = [Signal(self._place, name=f"place_{n}", reset_less=True) for n in range(3)]
         m.d.comb += [room.eq(~valid[3] | self.coded.ready), self.rows.ready.eq(room), self.coded.valid.eq(valid[3]),
                      self.busy.eq(valid.any())]
         with m.If(room):
@@ -86,6 +94,8 @@ class BlockDifferences(wiring.Component):
                 inside.eq(Cat(row.inside > x for x in range(BLOCK_WIDTH))),
                 *(along[x][k].eq(channels[x][k] - channels[x - 1][k] if x else channels[x][k])
                   for x in range(BLOCK_WIDTH) for k in range(CHANNELS))]
+            if "eye" in self._place.members:
+                m.d.sync += places[0].eye.eq(row.eye)
         with m.If(room & valid[0]):
             m.d.sync += [
                 above.eq(along), places[1].eq(places[0]),

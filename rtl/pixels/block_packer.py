@@ -20,7 +20,7 @@ from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.pixels.block_differences import CODES, PLACE, VALUES, BlockDifferences
+from rtl.pixels.block_differences import CODES, VALUES, BlockDifferences, place_layout
 from rtl.pixels.check import first_state, next_state
 from rtl.shapes import layout
 from rtl.stream import Buffer
@@ -86,6 +86,8 @@ class BlockPacker(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig):
         self._differences = BlockDifferences(config)
+        self._place = place_layout(config)
+        self._joint = config.joint
         super().__init__({
             "rows": In(stream.Signature(layout(block_row(config)))),
             "beats": Out(stream.Signature(layout(packed_beat(config)))),
@@ -113,7 +115,7 @@ class BlockPacker(wiring.Component):
         item, full, ready, reading = coded.payload, Signal(BLOCK_HEIGHT), Signal(), Signal(range(BLOCK_HEIGHT))
         rows = [Signal(VALUES, name=f"row_{n}", reset_less=True) for n in range(BLOCK_HEIGHT)]
         codes = [Signal(CODES, name=f"codes_{n}", reset_less=True) for n in range(BLOCK_HEIGHT)]
-        place, size, outside = Signal(PLACE, reset_less=True), Signal(4, reset_less=True), Signal(reset_less=True)
+        place, size, outside = Signal(self._place, reset_less=True), Signal(4, reset_less=True), Signal(reset_less=True)
         planes, leaves, takes = Signal(range(PLANES * BLOCK_GROUPS + 1)), Signal(BLOCK_HEIGHT), Signal()
         total = Signal.like(planes)
         number, last = item.place.row, item.place.row == BLOCK_HEIGHT - 1
@@ -138,7 +140,9 @@ class BlockPacker(wiring.Component):
             with m.If(last):  # comes no earlier than the last row of the block before leaves
                 m.d.sync += [ready.eq(1), place.block.eq(item.place.block), size.eq(Mux(outside, 0, Mux(
                     total > PLANES_MOST, SLOT_BEATS, (total + (HEADER_BYTES + BEAT_BYTES - 1)) >> _LOW)))]
-        shown = Signal(PLACE)
+                if self._joint:
+                    m.d.sync += place.eye.eq(item.place.eye)
+        shown = Signal(self._place)
         m.d.comb += [shown.eq(place), shown.row.eq(reading)]
         values, code = Signal(VALUES), Signal(CODES)
         m.d.comb += [values.eq(Array([row.as_value() for row in rows])[reading]),
@@ -151,7 +155,7 @@ class BlockPacker(wiring.Component):
         halves = [Signal(8 * half_bytes, name=f"half_{n}", reset_less=True) for n in range(2)]
         counts = [Signal(range(half_bytes + 1), name=f"count_{n}", reset_less=True) for n in range(2)]
         blocks = [Signal(4, name=f"size_{n}", reset_less=True) for n in range(2)]
-        places = [Signal(PLACE, name=f"place_{n}", reset_less=True) for n in range(2)]
+        places = [Signal(self._place, name=f"place_{n}", reset_less=True) for n in range(2)]
         joined, count = Signal(8 * ROW_BYTES, reset_less=True), Signal(range(ROW_BYTES + 1), reset_less=True)
         with m.If(advance):
             m.d.sync += valid.eq(Cat(ready, valid[0]))
@@ -176,7 +180,8 @@ class BlockPacker(wiring.Component):
         """
         most = 2 * BEAT_BYTES - 1 + PIECE_BYTES
         waiting, count = Signal(8 * most), Signal(range(most + BEAT_BYTES))
-        block = data.StructLayout({"number": row.place.block.shape(), "size": 4})
+        block = data.StructLayout({
+            "number": row.place.block.shape(), **({"eye": 1} if self._joint else {}), "size": 4})
         current, after, begun, queued, some = Signal(block), Signal(block), Signal(), Signal(), Signal()
         sent, state, follows = Signal(4), Signal(CHECK_BITS), Signal(CHECK_BITS)
         sends, leaves, ends, takes, pops = Signal(), Signal(), Signal(), Signal(), Signal()
@@ -194,6 +199,8 @@ class BlockPacker(wiring.Component):
             first.number.eq(row.place.block), first.size.eq(row.size),
             total.eq(Cat(count[:_LOW], left) + row.count + Mux(head, HEADER_BYTES, 0)),
         ]
+        if self._joint:
+            m.d.comb += [out.eye.eq(current.eye), first.eye.eq(row.place.eye)]
         kept, piece = Mux(leaves & some, waiting >> 8 * BEAT_BYTES, waiting), Mux(head, Cat(header, row.bytes), row.bytes)
         placed = piece << Cat(Const(0, 3), count[:_LOW])
         m.d.sync += [waiting.eq(kept), count.eq(Cat(count[:_LOW], left))]

@@ -65,6 +65,7 @@ class BlockRows(wiring.Component):
                 out.payload.pixel.eq(whole), out.payload.row.eq(row.row),
                 out.payload.inside.eq(Mux(y < self.height, Mux(left < BLOCK_WIDTH, left, BLOCK_WIDTH), 0)),
                 out.payload.block.eq(Cat(row.row[2:], (row.tile_y * columns + row.tile_x)[: BLOCK_BITS - 2])),
+                *([out.payload.eye.eq(row.eye)] if self.config.joint else []),
             ]
         with m.If(~out.valid | out.ready):
             m.d.sync += out.valid.eq(self.rows.valid & completes)

@@ -2,7 +2,8 @@
 
 Rows become rows of blocks, and these become beats. Each beat goes to its block's slot. The entries of blocks are gathered in a
 beat of the table, which is written when an entry of another beat comes, when it is complete, or at the end of the frame: tiles
-that follow each other in a row share it. Words whose entries have not come are not written::
+that follow each other in a row share it. Words whose entries have not come are not written. In joint frames an entry of the
+other eye is one of another beat::
 
     cycle         0     1     2     3     4     5     6     7     8     9
     beats       <40.0 ><40.1.><41.0.><42.0.>      <43.0 ><43.1.><44.0 >        block and beat; a dot marks a block's last one
@@ -38,11 +39,12 @@ class FramePacker(wiring.Component):
         writes: the memory's write port. A block's beats are written whole; words of the table whose strobe is low are 0.
         writes_idle: the memory has completed all writes that it took.
         width, height, frame_base: settings of the frame; stable from `begin` to `finished`.
-        tile_count: tiles of the frame.
+        joint, target_frame_base: in machines with joint frames, settings of the frame: blocks of the target go there.
+        tile_count: tiles of the frame, or of either eye of a joint frame.
         begin: strobe before a frame's first row; clears `finished` and `pixels`.
         pixels: the frame's pixels that have come since `begin`, up to two cycles before; always 0 without `config.counters`.
-        finished: all rows of `tile_count` tiles have arrived since `begin`, and memory has all blocks and the table. Stays high
-            until `begin`.
+        finished: all rows of `tile_count` tiles, in joint frames twice as many, have arrived since `begin`, and memory has all
+            blocks and the table, or both tables. Stays high until `begin`.
         busy: a row is inside.
 
     Storage: 13 rows, five beats and a beat of the table. Throughput: a row of 16 pixels a cycle and a beat a cycle, whichever
@@ -74,10 +76,14 @@ class FramePacker(wiring.Component):
             with m.Elif(moves):
                 slot = beat.block << (SLOT_BEATS - 1).bit_length()
                 m.d.sync += [out.word.eq(beat.word), out.strobe.eq((1 << WORDS) - 1),
-                             out.beat.eq(self.frame_base + slot + beat.size - 1)]
+                             out.beat.eq(self._base(beat.eye if self._config.joint else None) + slot + beat.size - 1)]
         m.d.comb += self.busy.eq(rows.busy | packer.busy | self.writes.valid)
         self._count(m, beat, taken, complete, due)
         return m
+
+    def _base(self, eye: Value | None) -> Value:
+        """The first beat of an eye's frame; None stands for the only one."""
+        return self.frame_base if eye is None else Mux(eye, self.target_frame_base, self.frame_base)
 
     def _table(
         self, m: Module, beats: stream.Interface, taken: Value, room: Value, complete: Value,
@@ -86,13 +92,16 @@ class FramePacker(wiring.Component):
         beat, arrived, due = beats.payload, Signal(ENTRIES), Signal()
         entries = [Signal(ENTRY_BITS, name=f"entry_{n}", reset_less=True) for n in range(ENTRIES)]
         number, others = beat.block[:_LOW], beat.block[_LOW:]
+        if self._config.joint:
+            others = Cat(others, beat.eye)
         place, table = Signal.like(others, reset_less=True), Signal(layout(write_request(self._config)))
+        base, low = (self._base(place[-1]), place[:-1]) if self._config.joint else (self.frame_base, place)
         each = WORD_BITS // ENTRY_BITS
         m.d.comb += [
             due.eq(arrived.any() & (arrived.all() | complete | beats.valid & beat.last & (place != others))),
             table.word.eq(Cat(Mux(arrived.bit_select(n, 1), entry, 0) for n, entry in enumerate(entries))),
             table.strobe.eq(Cat(arrived[each * n : each * (n + 1)].any() for n in range(WORDS))),
-            table.beat.eq(self.frame_base + (self.tile_count << (SLOT_BEATS * BLOCKS - 1).bit_length()) + place)]
+            table.beat.eq(base + (self.tile_count << (SLOT_BEATS * BLOCKS - 1).bit_length()) + low)]
         with m.If(due & room):
             m.d.sync += arrived.eq(0)
         with m.If(taken & beat.last):
@@ -106,7 +115,9 @@ class FramePacker(wiring.Component):
 
     def _count(self, m: Module, beat: data.View, taken: Value, complete: Signal, due: Value) -> None:
         """Counts tiles whose blocks have left, and pixels that have come."""
-        tiles, rows = Signal.like(self.tile_count), self._rows.block_rows
+        tiles, count, rows = Signal.like(self.tile_count), self.tile_count, self._rows.block_rows
+        if self._config.joint:
+            tiles, count = Signal(len(count) + 1), Mux(self.joint, count << 1, count)
         with m.If(taken & beat.last & beat.block[: (BLOCKS - 1).bit_length()].all()):
             m.d.sync += tiles.eq(tiles + 1)
         came = Signal.like(rows.payload.inside)
@@ -114,4 +125,4 @@ class FramePacker(wiring.Component):
             m.d.sync += [came.eq(Mux(rows.valid & rows.ready, rows.payload.inside, 0)), self.pixels.eq(self.pixels + came)]
         with m.If(self.begin):
             m.d.sync += [tiles.eq(0), came.eq(0), self.pixels.eq(0)]
-        m.d.comb += [complete.eq(tiles == self.tile_count), self.finished.eq(complete & ~due & ~self.busy & self.writes_idle)]
+        m.d.comb += [complete.eq(tiles == count), self.finished.eq(complete & ~due & ~self.busy & self.writes_idle)]

@@ -10,6 +10,7 @@ from rtl.vrc_array.pixel_writer import PixelWriter, frame_writer_ports
 from spec.config import AcceleratorConfig
 
 _SETTINGS = ("width", "height", "display", "frame_base", "packed")
+_JOINT = ("joint", "target_frame_base")
 
 
 def check_packed(config: AcceleratorConfig) -> None:
@@ -51,7 +52,7 @@ class FrameWriter(wiring.Component):
         units: tuple[tuple[PixelWriter | FramePacker, Value], ...] = ((plain, ~self.packed), (packer, self.packed))
         for unit, mine in units:
             for name in unit.signature.members:
-                if name in (*_SETTINGS, "tile_count", "begin", "writes_idle"):
+                if name in (*_SETTINGS, *_JOINT, "tile_count", "begin", "writes_idle"):
                     m.d.comb += getattr(unit, name).eq(getattr(self, name))
             m.d.comb += [
                 unit.rows.payload.eq(self.rows.payload), unit.rows.valid.eq(self.rows.valid & mine),

@@ -82,6 +82,7 @@ examples:
   %(prog)s --frames 3 --turn 5                    three frames in a row, each with the lists that suit the one before
   %(prog)s --stereo --ecc-thresh 27 --config paper_small    two eyes, the second warped beyond 27 degrees
   %(prog)s --stereo --config v3_eyes              two eyes in one set of lists, nothing warped
+  %(prog)s --stereo --config v3_eyes_streams --pixels packed    the same by four arrays, both eyes' frames packed
   %(prog)s --part array --config paper            only the array, with the golden renderer's intersections
 """
 
@@ -109,7 +110,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     choice("part", args.part, PARTS)
     args.pixels = args.pixels or ("display" if args.stereo else "wide")
     joint = args.stereo and config.supertiles
-    if args.stereo and (args.part, args.pixels) not in (("machine", "display"), *([("machine", "wide")] * config.joint)):
+    if args.stereo and (args.part != "machine" or (args.pixels != "display" and not config.joint)):
         raise InputError(f"part {args.part!r}, pixels {args.pixels!r} are not accepted with --stereo: 'machine', 'display' are")
     check_row(args)
     options = run_options(args)
@@ -204,7 +205,7 @@ def _joint(
     (out / "frame.json").unlink(missing_ok=True)
     numbers, result = simulate_joint(
         golden, device.machine(golden.config), folder, beta=options.beta, speed=_speed(options), display=options.display,
-        waves=waves)
+        packed=options.packed, waves=waves)
     save_joint(golden, result, out)
     return {**numbers, "stereo": joint_request.joint_statistics(args, work.request, golden)}
 

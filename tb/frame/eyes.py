@@ -46,14 +46,14 @@ def simulate_eyes(
 
 def simulate_joint(
     frame: JointFrame, machine: Machine, folder: Path, *, beta: int | None, speed: MemorySpeed, display: bool,
-    waves: Waves | None = None,
+    packed: bool = False, waves: Waves | None = None,
 ) -> tuple[dict[str, object], FrameResult]:
-    """The same of a joint frame, whose pixels may have either format.
+    """The same of a joint frame, whose pixels may have every format.
 
     Raises:
         SimulationError: the build fails, or the machine does not finish its frame.
     """
-    (result,), build_s = played(machine, [joint_run(frame, beta, speed, display=display)], folder, waves)
+    (result,), build_s = played(machine, [joint_run(frame, beta, speed, display=display, packed=packed)], folder, waves)
     numbers = {
         **compared(frame.eyes, result, joint_mismatches(frame, result), joint_counter_errors(frame, result)),
         "groups": int(frame.source.groups[-1]) + 1,

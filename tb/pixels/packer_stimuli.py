@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from golden.msv2_ref.frame_memory import displayed
 from golden.msv2_ref.frame_packing import PackedFrame, display_bytes, pack_frame
 from spec.config import AcceleratorConfig
-from spec.constants import TILE
 from spec.memory import BEAT_BITS, WORDS, frame_pixel, write_request
 from spec.packed import BLOCKS, ENTRIES, SLOT_BEATS
 from tb.vrc_array.pixel_writer_stimuli import random_pixels
@@ -57,36 +58,47 @@ def shuffled_tiles(rng: np.random.Generator, rows: np.ndarray, columns: int) -> 
 
 
 def packed_writes(config: AcceleratorConfig, frame: PackedFrame, tiles: list[int], base: int) -> np.ndarray:
-    """(N,) WriteRequest items of a packed frame whose tiles come in this order.
+    """(N,) WriteRequest items of a packed frame whose tiles come in this order."""
+    return joint_packed_writes(config, [frame], [(0, tile) for tile in tiles], [base])
 
-    A beat of the table follows the last of its entries, or stands before the last beat of the first block whose entry lies in
+
+def joint_packed_writes(
+    config: AcceleratorConfig, frames: Sequence[PackedFrame], tiles: list[tuple[int, int]], bases: Sequence[int],
+) -> np.ndarray:
+    """(N,) WriteRequest items of the packed frames of several eyes, whose tiles, given by eye and number, come in this order.
+
+    A beat of a table follows the last of its entries, or stands before the last beat of the first block whose entry lies in
     another one, or at the end.
     """
-    columns, count = -(-frame.width // TILE), len(frame.sizes)
-    table = base + SLOT_BEATS * BLOCKS * columns * -(-frame.height // TILE)
-    entries, out = frame.entries(), []
-    arrived: set[int] = set()
+    out: list[tuple[int, list[int], int]] = []
+    arrived: set[tuple[int, int]] = set()
 
     def flush() -> None:
         if arrived:
-            first = min(arrived) // ENTRIES * ENTRIES
-            words = [sum(int(entries[n]) << 16 * (n % 2) for n in (first + 2 * w, first + 2 * w + 1) if n in arrived)
-                     for w in range(WORDS)]
-            out.append((table + first // ENTRIES, words, sum({1 << (n - first) // 2 for n in arrived})))
+            ((eye, place),) = {(eye, block // ENTRIES) for eye, block in arrived}
+            entries, blocks = frames[eye].entries(), {block for _, block in arrived}
+            words = [sum(int(entries[n]) << 16 * (n % 2) for n in range(2 * w, 2 * w + 2) if n in blocks)
+                     for w in range(place * WORDS, (place + 1) * WORDS)]
+            strobe = sum({1 << n // 2 % WORDS for n in blocks})
+            out.append((bases[eye] + SLOT_BEATS * len(entries) + place, words, strobe))
             arrived.clear()
 
-    for block in (BLOCKS * tile + part for tile in tiles for part in range(BLOCKS)):
-        size = int(frame.sizes[block])
+    def elsewhere(eye: int, block: int) -> bool:
+        return bool(arrived) and (eye, block // ENTRIES) not in {(eye, block // ENTRIES) for eye, block in arrived}
+
+    for eye, block in ((eye, BLOCKS * tile + part) for eye, tile in tiles for part in range(BLOCKS)):
+        size = int(frames[eye].sizes[block])
         for beat in range(size):
-            if beat == size - 1 and arrived and min(arrived) // ENTRIES != block // ENTRIES:
+            if beat == size - 1 and elsewhere(eye, block):
                 flush()
-            out.append((base + SLOT_BEATS * block + beat, frame.slots[block, beat].view("<u4").tolist(), _EVERY_WORD))
-        if not size and arrived and min(arrived) // ENTRIES != block // ENTRIES:
+            words = frames[eye].slots[block, beat].view("<u4").tolist()
+            out.append((bases[eye] + SLOT_BEATS * block + beat, words, _EVERY_WORD))
+        if not size and elsewhere(eye, block):
             flush()
-        arrived.add(block)
+        arrived.add((eye, block))
         if len(arrived) == ENTRIES:
             flush()
-    assert len(tiles) < count // BLOCKS or len({*tiles}) == count // BLOCKS
+    assert len({*tiles}) == len(tiles)
     flush()
     rows = np.zeros(len(out), write_request(config).dtype)
     for name, column in zip(("beat", "word", "strobe"), zip(*out, strict=True), strict=True):

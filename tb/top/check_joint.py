@@ -6,15 +6,15 @@ from math import ceil
 
 import numpy as np
 
-from golden.host.memory_image import DisplayPixels, memory_image, spill_beats
-from golden.msv2_ref.frame_memory import display_pixels, frame_pixels
+from golden.host.memory_image import PackedPixels, memory_image, spill_beats
 from golden.msv2_ref.joint import JointFrame
 from golden.msv2_ref.joint_batches import JointBatches
 from golden.msv2_ref.saturations import joint_saturations
 from golden.msv2_ref.supertiles import list_counts
 from spec.memory import BEAT_ENTRIES, page_beats
 from tb.frame.bound import joint_ops
-from tb.top.check import differences, wrong_counters
+from tb.top.check import mismatches, wrong_counters
+from tb.top.check_packed import joint_packed_errors
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult, FrameRun
 from tb.top.progress import Pass
@@ -22,13 +22,13 @@ from tb.top.progress import Pass
 
 def joint_run(
     frame: JointFrame, beta: int | None, speed: MemorySpeed | None = None, name: str = "frame", *, obb: bool = False,
-    display: bool = False, **options: object,
+    display: bool = False, packed: bool = False, **options: object,
 ) -> FrameRun:
     """The run of a golden joint frame, with exactly as much memory as it needs; see `check.frame_run`."""
     counts = list_counts(frame.pairs, frame.bounds)
     spill = spill_beats(frame.config, np.bincount(frame.source.groups, counts).astype(np.int64))
     image = memory_image(
-        frame.config, frame.source.words, frame.registers.source, beta=beta, obb=obb, display=display,
+        frame.config, frame.source.words, frame.registers.source, beta=beta, obb=obb, display=display, packed=packed,
         entries_beats=page_beats(counts), spill_beats=spill, second=frame.registers)
     return FrameRun(name, image, speed or MemorySpeed(), expected=(_expected(frame),), **options)
 
@@ -42,12 +42,11 @@ def _expected(frame: JointFrame) -> Pass:
 
 
 def joint_mismatches(frame: JointFrame, result: FrameResult) -> list[dict[str, object]]:
-    """Every value in which an eye's frame from memory differs from the golden one: first the source eye's, then the
-    target's."""
+    """Every value in which an eye's frame from memory differs from the golden one, as `check.mismatches` tells them: first the
+    source eye's, then the target's."""
     names = ("source", "target") if frame.pair is None else (frame.pair.source_eye, frame.pair.target_eye)
-    records = display_pixels if isinstance(result.pixels, DisplayPixels) else frame_pixels
     return [{"eye": name, **wrong} for name, eye, got in zip(names, frame.eyes, (result.pixels, result.target), strict=True)
-            for wrong in differences(records(eye), got)]
+            for wrong in mismatches(eye, got)]
 
 
 def joint_events(frame: JointFrame) -> dict[str, int]:
@@ -66,6 +65,7 @@ def joint_counter_errors(frame: JointFrame, result: FrameResult) -> list[str]:
     visits = [batches.stream_visits(stream) for stream in range(frame.config.streams)]
     limits = {"visits": (sum(int(v.final.sum()) for v in visits), sum(len(v.final) for v in visits)),
               "ops": (0, joint_ops(frame)), "skipped": (0, sum(len(v.order) for v in visits))}
-    return wrong_counters(joint_events(frame), result) + [
+    packed = joint_packed_errors(batches, result) if isinstance(result.pixels, PackedPixels) else []
+    return wrong_counters(joint_events(frame), result) + packed + [
         f"counter {name} must be in {low}..{high}, not {result.registers[name]!r}"
         for name, (low, high) in limits.items() if not low <= result.registers[name] <= high]

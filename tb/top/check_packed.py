@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from golden.host.memory_image import PackedPixels
 from golden.msv2_ref.batches import FrameBatches
 from golden.msv2_ref.frame_memory import display_pixels
 from golden.msv2_ref.frame_packing import PackedFrame, display_bytes, pack_frame, table_writes
+from golden.msv2_ref.joint_batches import JointBatches
 from golden.msv2_ref.pipeline import Frame
 from spec.constants import TILE
 from spec.memory import BEAT_BYTES
@@ -45,7 +48,17 @@ def packed_counter_errors(frame: Frame, result: FrameResult) -> list[str]:
     """Descriptions of a count of beats that differs from the golden frame's: each beat of a block is written once, and a beat
     of the table wherever tiles that follow each other share none."""
     visits = FrameBatches(frame).visits
-    sizes = pack_frame(display_bytes(display_pixels(frame))).sizes
-    wanted = int(sizes.sum()) + table_writes(visits.tile[visits.final])
+    return _beat_errors([frame], table_writes(visits.tile[visits.final]), result)
+
+
+def joint_packed_errors(batches: JointBatches, result: FrameResult) -> list[str]:
+    """The same of a joint frame, given by its batches; the tables of both eyes are written in the order of their tiles."""
+    visits = batches.stream_visits()
+    return _beat_errors(batches.frame.eyes, table_writes(visits.tile[visits.final], visits.eye[visits.final]), result)
+
+
+def _beat_errors(eyes: Sequence[Frame], table: int, result: FrameResult) -> list[str]:
+    """Describes a count of beats that is not that of the eyes' blocks and so many beats of tables."""
+    wanted = table + sum(int(pack_frame(display_bytes(display_pixels(eye))).sizes.sum()) for eye in eyes)
     got = result.registers["write_beats_frame"]
     return [] if got == wanted else [f"counter write_beats_frame must be {wanted}, not {got!r}"]

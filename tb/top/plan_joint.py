@@ -20,7 +20,7 @@ from spec.memory import FIRST_PAGE_BEATS
 from spec.registers import read_clients, write_clients
 from spec.supertiles import BUCKET_PAIRS
 from tb.top.plan_stereo import on_two_memories
-from tb.top.planned import PlannedFrame, failing, planned
+from tb.top.planned import PlannedFrame, failing, failing_table, planned
 from tb.top.stimuli import Case, camera_of, case, cloud, clusters, crowd
 from tb.top.stimuli_stereo import aside, wall
 
@@ -74,7 +74,7 @@ def joint_cases(config: AcceleratorConfig, seed: int) -> list[Case]:
 
 
 def good_joint_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
-    """Every joint case, as `on_two_memories` plays them, every other one with display pixels; then frames of several lists."""
+    """Every joint case, as `on_two_memories` plays them, in every format of pixels; then frames of several lists."""
     return on_two_memories(config, joint_cases(config, seed), seed, alternate=True) + joint_bucket_plan(config)
 
 
@@ -97,28 +97,32 @@ def joint_bucket_plan(config: AcceleratorConfig) -> list[PlannedFrame]:
 
 
 def broken_joint_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
-    """Frames that end early. Each is followed by a frame that must be correct, in turn of two eyes and of one."""
+    """Frames that end early. Each is followed by a frame that must be correct, in turn of two eyes and of one. Where the
+    machine packs frames, they are packed."""
     rng = np.random.default_rng(seed)
     scene = joint_case(config, "two eyes", wall(rng, 2, config.levels), (64, 48), shift=2)
     single = case(config, "one eye", cloud(rng, 100, sh=1), (64, 48))
     hidden = joint_case(config, "seen by the target eye alone", aside(crowd(rng, 2 * config.sort_chunk + 5), 100.0), (16, 16),
                         baseline=100.0, beta=0)
     plan: list[PlannedFrame] = []
+    how = {"packed": True} if config.packed else {}
 
     def add(frame: PlannedFrame, reset: bool = False) -> None:
-        plan.extend([frame, planned((scene, single)[len(plan) // 2 % 2], f"after: {frame.name}", reset=reset)])
+        plan.extend([frame, planned((scene, single)[len(plan) // 2 % 2], f"after: {frame.name}", reset=reset, **how)])
 
     least = 2 * config.point_interval * (scene.frame.counts["points"] + len(scene.frame.pairs.splat))  # no frame takes fewer
     for cycles in (1, 40, 250, least // 3, 2 * least // 3, least - 1):
-        add(planned(scene, f"reset after {cycles} cycles", cut=cycles), reset=True)
-        add(planned(scene, f"abort after {cycles} cycles", error=ErrorCode.ABORTED, abort=cycles))
+        add(planned(scene, f"reset after {cycles} cycles", cut=cycles, **how), reset=True)
+        add(planned(scene, f"abort after {cycles} cycles", error=ErrorCode.ABORTED, abort=cycles, **how))
     readers, writers = read_clients(config), write_clients(config)
     for region, client in (("tiles", "tiles"), ("target_tiles", "tiles"), ("supertiles", "tiles"), ("geometry", "geometry"),
                            ("chunks", "chunks"), ("colour", "colour")):
-        add(failing(scene, region, ErrorCode.READ_ERROR, {"error_clients": 1 << readers.index(client)}))
+        add(failing(scene, region, ErrorCode.READ_ERROR, {"error_clients": 1 << readers.index(client)}, **how))
     for region in ("entries", "frame", "target_frame"):
         client = "frame" if "frame" in region else region
-        add(failing(scene, region, ErrorCode.WRITE_ERROR, {"error_clients": 1 << 16 + writers.index(client)}))
+        add(failing(scene, region, ErrorCode.WRITE_ERROR, {"error_clients": 1 << 16 + writers.index(client)}, **how))
+    for region in ("frame", "target_frame") if config.packed else ():
+        add(failing_table(scene, {"error_clients": 1 << 16 + writers.index("frame")}, region))
     numbers = {setting.name: setting.number for setting in settings(config)}
     for value in (SHIFT_MOST + 1, -SHIFT_MOST - 1):
         registers = {"bad_setting": numbers["shift"], "cycles_render": 0}

@@ -13,7 +13,7 @@ from spec.memory import FIRST_PAGE_BEATS
 from spec.registers import CHUNK_READ_CLIENTS, read_clients, write_clients
 from spec.stereo import clear_cycles
 from tb.frame.bound import array_ops
-from tb.top.planned import SPEEDS, PlannedFrame, failing, planned
+from tb.top.planned import SPEEDS, PlannedFrame, failing, pixels_of, planned
 from tb.top.stimuli import Case, case, cloud, crowd
 from tb.top.stimuli_stereo import aside, stereo_case, stereo_cases, wall
 
@@ -32,18 +32,20 @@ def on_two_memories(
 
     Args:
         config: the machine. cases: frames of two eyes. seed: of the frame of one eye.
-        alternate: whether every other frame of two eyes has display pixels; otherwise all are as `planned` makes them.
+        alternate: whether frames of two eyes have the formats of `pixels_of` in turn; otherwise all are as `planned` makes
+            them.
     """
     rng, names = np.random.default_rng(seed), list(SPEEDS)
     single = case(config, "one eye", cloud(rng, 120, levels=config.levels, sh=1), (64, 48), gaze=(20, 20))
     plan: list[PlannedFrame] = []
     for second in (False, True):
         for n, item in enumerate(cases):
-            speed, pixels = names[1 + n % 4] if second else "usual", {"display": n % 2 != second} if alternate else {}
+            speed, pixels = names[1 + n % 4] if second else "usual", pixels_of(config, n + second) if alternate else {}
             plan.append(planned(item, f"{speed} memory{', back to back' * second}", speed, reset=not second, poison=not second,
                                 **pixels))
             if n % 3 == 0:
-                plan.append(planned(single, f"after: {plan[-1].name}", reset=False, poison=False, display=n % 2 == 0))
+                plan.append(planned(single, f"after: {plan[-1].name}", reset=False, poison=False,
+                                    **pixels_of(config, n // 3 + 1)))
     return plan
 
 

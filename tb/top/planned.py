@@ -9,6 +9,7 @@ from golden.msv2_ref.eyes import StereoFrame
 from golden.msv2_ref.joint import JointFrame
 from golden.msv2_ref.pipeline import Frame
 from spec.codes import ErrorCode
+from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BYTES
 from spec.packed import table_beat
 from tb.top.check import counter_errors, frame_run, mismatches
@@ -52,6 +53,14 @@ class PlannedFrame:
         return self.run.name
 
 
+def pixels_of(config: AcceleratorConfig, number: int) -> dict[str, bool]:
+    """The format of frame number `number`, as arguments of `planned`: every other frame has display pixels. Where the machine
+    packs frames, every other frame is packed, and every other one of the rest has display pixels."""
+    if config.packed:
+        return {"packed": number % 2 == 1, "display": number % 4 == 2}
+    return {"display": number % 2 == 1}
+
+
 def planned(case: Case, name: str = "", speed: str = "usual", error: ErrorCode = ErrorCode.NONE,
             registers: dict[str, int] | None = None, **options: object) -> PlannedFrame:
     """A case on the memory SPEEDS[speed]; `options` are further arguments of `frame_run`, `stereo_run` or `joint_run`."""
@@ -70,11 +79,12 @@ def failing(case: Case, region: str, error: ErrorCode, registers: dict[str, int]
     return replace(item, run=replace(item.run, speed=replace(item.run.speed, failing=where)))
 
 
-def failing_table(case: Case, registers: dict[str, int]) -> PlannedFrame:
-    """A packed frame in which only the table of its blocks' entries answers with errors, which comes behind every block."""
-    item = planned(case, "table of a packed frame fails", error=ErrorCode.WRITE_ERROR, registers=registers, packed=True)
+def failing_table(case: Case, registers: dict[str, int], region: str = "frame") -> PlannedFrame:
+    """A packed frame in which only the table of its blocks' entries answers with errors, which comes behind every block; in
+    joint frames the table of the eye whose frame lies in this region."""
+    item = planned(case, f"table of a packed {region} fails", error=ErrorCode.WRITE_ERROR, registers=registers, packed=True)
     image = item.run.image
-    base, end = image.regions["frame"].base + table_beat(image.width, image.height), image.regions["frame"].end
+    base, end = image.regions[region].base + table_beat(image.width, image.height), image.regions[region].end
     where = (BEAT_BYTES * base, BEAT_BYTES * end)
     return replace(item, run=replace(item.run, speed=replace(item.run.speed, failing=where)))
 
@@ -89,7 +99,8 @@ def problems(item: PlannedFrame, result: FrameResult) -> list[str]:
     found += [f"register {name} must be {wanted:#x}, not {result.registers[name]:#x}"
               for name, wanted in item.registers.items() if result.registers[name] != wanted]
     if isinstance(result.pixels, PackedPixels) and item.run.poison and item.error is not ErrorCode.NONE:
-        found += ["the frame ended early, but all blocks are whole"] * (not result.pixels.errors.any())
+        eyes = [eye for eye in (result.pixels, result.target) if isinstance(eye, PackedPixels)]
+        found += ["the frame ended early, but all blocks are whole"] * (not any(eye.errors.any() for eye in eyes))
     if item.error is ErrorCode.NONE:
         wrong, counters = _compared(item, result)
         found += [_told(m) for m in wrong[:_SHOWN]]

@@ -86,7 +86,7 @@ class FrameResult:
     seconds: float
     cpu_seconds: float
     errors: tuple[str, ...]
-    target: DisplayPixels | None = None
+    target: FramePixels | DisplayPixels | PackedPixels | None = None
     activates: int = 0
     refreshes: int = 0
     idle_cycles: int = 0

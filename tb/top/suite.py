@@ -40,7 +40,7 @@ from tb.top.device import Machine, machine
 from tb.top.plan_buckets import bucket_plan
 from tb.top.plan_joint import broken_joint_plan, good_joint_plan
 from tb.top.plan_stereo import broken_stereo_plan, good_stereo_plan
-from tb.top.planned import SPEEDS, PlannedFrame, failing, failing_table, planned, problems
+from tb.top.planned import SPEEDS, PlannedFrame, failing, failing_table, pixels_of, planned, problems
 from tb.top.player import play_frames
 from tb.top.stimuli import case, cloud, crowd, small_cases
 
@@ -59,22 +59,16 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny_v3_baseline": TINY_V3.with_(name="tiny_v3_baseline", incremental=False, buckets=False),
     "tiny_v3_packed": TINY_V3.with_(name="tiny_v3_packed", packed=True), "v3_packed": V3_PACKED,
     "tiny_streams_packed": TINY_STREAMS.with_(name="tiny_streams_packed", packed=True),
-    "tiny_eyes": TINY_EYES, "tiny_eyes_streams": TINY_STREAMS.with_(name="tiny_eyes_streams", joint=True), "v3_eyes": V3_EYES}
+    "tiny_eyes": TINY_EYES, "tiny_eyes_streams": TINY_STREAMS.with_(name="tiny_eyes_streams", joint=True),
+    "tiny_eyes_packed": TINY_EYES.with_(name="tiny_eyes_packed", packed=True),
+    "tiny_eyes_full": TINY_STREAMS.with_(name="tiny_eyes_full", joint=True, packed=True), "v3_eyes": V3_EYES}
 """Configurations that can be tested."""
 
 DISTINCT = ("tiny", "tiny_baseline", "tiny_stereo", "tiny_stereo_baseline", "tiny_short", "tiny_records", "tiny_chunks",
             "tiny_records_stereo", "tiny_v3", "tiny_v3_baseline", "tiny_v3_packed", "tiny_streams", "tiny_eyes",
-            "tiny_eyes_streams")
+            "tiny_eyes_streams", "tiny_eyes_packed", "tiny_eyes_full")
 """Configurations with different machines: both ways of handing over, the presets' number formats, chunks, packed frames, four
 arrays, and joint frames. Larger machines are simulated with whole frames (`tb.frame`)."""
-
-
-def pixels_of(config: AcceleratorConfig, number: int) -> dict[str, bool]:
-    """The format of frame number `number`, as arguments of `planned`: every other frame has display pixels. Where the machine
-    packs frames, every other frame is packed, and every other one of the rest has display pixels."""
-    if config.packed:
-        return {"packed": number % 2 == 1, "display": number % 4 == 2}
-    return {"display": number % 2 == 1}
 
 
 def good_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:

@@ -17,11 +17,13 @@ import numpy as np
 import pytest
 
 from golden.host.memory_image import MemoryImage
+from golden.msv2_ref.joint import render_joint
 from golden.msv2_ref.pipeline import Frame, render
 from golden.scenes.embedded.splats import cached_embedded_model
 from golden.scenes.embedded.views import embedded_cameras
+from golden.scenes.stereo import stereo_pair
 from spec.codes import ErrorCode
-from spec.config import TINY, TINY_V3, AcceleratorConfig
+from spec.config import TINY, TINY_EYES, TINY_V3, AcceleratorConfig
 from spec.errors import InputError
 from spec.host_settings import settings, with_every_register
 from spec.images import IMAGE_MAGIC, IMAGE_VERSION, RECORD_FORMATS, record_format
@@ -37,6 +39,8 @@ WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wsha
  OTHER_FORMAT) = range(11)
 AT = {register.name: register.offset for register in register_map(TINY)}
 DRAM = 0x40000
+TARGET = 6 + 9
+"""The word of `target` in the structure of an image, behind three pointers and nine words."""
 
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
 
@@ -165,12 +169,29 @@ def test_every_base_is_moved(library: ctypes.CDLL, machine: AcceleratorConfig) -
     """Of the machines with all registers: whatever setting is an address in memory, and no other."""
     registers = Registers(library)
     at = {setting.name: SETTINGS_BASE + 4 * setting.number for setting in settings(machine)}
-    head = [IMAGE_MAGIC, IMAGE_VERSION, record_format(machine), fingerprint(machine), len(at), 0, 1, 1, 4, 0, 0]
+    head = [IMAGE_MAGIC, IMAGE_VERSION, record_format(machine), fingerprint(machine), len(at), 0, 1, 1, 4, 0, 6 * 32]
     data = np.array([*head, *(word for offset in at.values() for word in (offset, 5))], "<u4").tobytes()
     result, found, _ = opened(library, data)
     assert result == OK
     library.msv2_set_frame(None, ctypes.byref(found), DRAM)
     assert registers.written == [(offset, 5 + DRAM // 32 * name.endswith("_base")) for name, offset in at.items()]
+
+
+@needs_gcc
+def test_the_image_of_a_joint_frame_says_where_the_second_eye_is(library: ctypes.CDLL, tmp_path: Path) -> None:
+    model = cached_embedded_model().select(np.arange(50))
+    camera, eyes = embedded_cameras(32, 32)[0], TINY_EYES.with_(packed=True)
+    both = example("frame_image").write_frame_image(render_joint(model, stereo_pair(camera), config=eyes), tmp_path / "both")
+    one = example("frame_image").write_frame_image(render(model, camera, config=eyes), tmp_path / "one")
+    target = 32 * both.regions["target_frame"].base
+    for name, wanted in (("both", target), ("one", 0)):
+        result, found, _ = opened(library, (tmp_path / name).read_bytes())
+        assert result == OK and found.words[TARGET] == wanted
+    assert one.settings["target_frame_base"] and target == 32 * (both.regions["frame"].end + 5)
+    data, at = np.fromfile(tmp_path / "both", "<u4"), {register.name: register.offset for register in register_map(eyes)}
+    pairs = data[11 : 11 + 2 * data[4]].reshape(-1, 2)
+    pairs[pairs[:, 0] == at["target_frame_base"], 1] = both.beats
+    assert opened(library, data.tobytes())[0] == BAD_IMAGE
 
 
 @needs_gcc
@@ -327,6 +348,16 @@ def test_frames_in_a_row_of_super_tiles_keep_their_bounds() -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     lists = re.findall(r"frame \d: 48x48 pixels, \d+ intersections, (\d+) lists, 0 values differ", done.stdout)
     assert len(lists) == 3 and int(lists[0]) == 2 < min(map(int, lists[1:])), done.stdout
+
+
+@needs_gcc
+@pytest.mark.long
+def test_joint_frames_of_two_eyes_are_packed_for_each() -> None:
+    """Minutes: a simulator is built. Both eyes' frames are compared as they lie in memory, and as the unpacker gives them."""
+    done = played("--config", "tiny_eyes_packed", "--frames", "2")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert len(re.findall(r"frame \d: 48x48 pixels for each of two eyes, .* 0 values differ", done.stdout)) == 2, done.stdout
+    assert f" pixels {2 * 48 * 48} " in done.stdout
 
 
 @needs_gcc

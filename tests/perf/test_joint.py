@@ -9,6 +9,8 @@ import pytest
 
 from golden.msv2_ref import projection
 from golden.msv2_ref.buckets import no_bounds
+from golden.msv2_ref.frame_memory import display_pixels
+from golden.msv2_ref.frame_packing import display_bytes, pack_frame, table_writes
 from golden.msv2_ref.joint import JointFrame, render_joint
 from golden.msv2_ref.joint_batches import JointBatches
 from golden.msv2_ref.pipeline import render_frame
@@ -22,7 +24,7 @@ from perf.supertiles import SuperCycles, simulate_supertiles
 from perf.supertiles_plan import visit_plan
 from perf.supertiles_trace import SuperTrace, chunk_turns, load_trace, save_trace, super_trace
 from spec.config import V3, V3_EYES
-from spec.memory import DISPLAY_PIXEL_BYTES
+from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES
 from spec.paths import REPORTS
 
 IDEAL = MemoryModel("ideal")
@@ -161,6 +163,20 @@ def test_four_streams_and_lpddr3(frame, trace):
     assert simulate_supertiles(other, four, display=True).total > fast.total
 
 
+def test_packed_frames_of_both_eyes(frame, trace, cycles):
+    """Every block of either eye is written once, and a beat of a table wherever tiles that follow each other share none."""
+    sizes = [pack_frame(display_bytes(display_pixels(eye))).sizes for eye in frame.eyes]
+    assert np.array_equal(trace.blocks, np.concatenate(sizes))
+    visits = JointBatches(frame).stream_visits()
+    beats = sum(map(np.sum, sizes)) + table_writes(visits.tile[visits.final], visits.eye[visits.final])
+    found = simulate_supertiles(trace, V3.with_(packed=True), memory=IDEAL, packed=True)
+    assert found.writes["frame"] == BEAT_BYTES * beats < 0.8 * cycles.writes["frame"]
+    assert found.reads == cycles.reads and found.stages["pixel_write"].busy == cycles.stages["pixel_write"].busy
+    assert found.total < 1.02 * cycles.total
+    with pytest.raises(ValueError, match="config must be a machine that packs frames, not 'v3'"):
+        simulate_supertiles(trace, V3, memory=IDEAL, packed=True)
+
+
 def test_traces_are_kept_as_they_are(trace, tmp_path):
     save_trace(trace, tmp_path / "kept.npz")
     again = load_trace(tmp_path / "kept.npz")
@@ -171,7 +187,8 @@ def test_traces_are_kept_as_they_are(trace, tmp_path):
 
 def test_cycles_are_those_of_the_full_machines_rtl():
     """The joint frames of the embedded scene in reports/frames_eyes.json, which the RTL of `v3_eyes` rendered after a reset."""
-    rows = [row for row in read_json(REPORTS / "frames_eyes.json")["rows"] if row["scene"] == "embedded"]
+    rows = [row for row in read_json(REPORTS / "frames_eyes.json")["rows"]
+            if (row["scene"], row["config"]) == ("embedded", V3_EYES.name)]
     assert [bool(row["gaze"]) for row in rows] == [False, True]
     for row in rows:
         gaze = ["--gaze", "{:g},{:g}".format(*row["gaze"]), "--levels", str(row["levels"]), "--levels-from", "random"

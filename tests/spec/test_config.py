@@ -24,6 +24,7 @@ from spec.config import (
     TINY_V3,
     V3,
     V3_EYES,
+    V3_EYES_STREAMS,
     V3_PACKED,
     V3_RECORDS,
     V3_STREAMS,
@@ -155,8 +156,7 @@ def test_machines_with_super_tiles_may_render_joint_frames():
     assert TINY_EYES == TINY_V3.with_(name="tiny_eyes", joint=True)
     with pytest.raises(ValueError, match=r"^lists must be 'supertile' in a machine with joint frames, not 'tile'$"):
         PAPER.with_(joint=True)
-    with pytest.raises(ValueError, match=r"^packed must be False in a machine with joint frames: it packs none of two"):
-        V3_PACKED.with_(joint=True)
+    assert V3_EYES_STREAMS == V3_STREAMS.with_(name="v3_eyes_streams", joint=True, packed=True)
 
 
 def test_every_parameter_is_covered_here():
@@ -186,7 +186,8 @@ def test_the_configurations():
     presets = {"precise": PRECISE, "balanced": BALANCED, "fast": FAST}
     assert CONFIGS == {"tiny": TINY, "default": DEFAULT, "paper": PAPER, "v3": V3, **presets}
     assert V3 == PAPER.with_(name="v3", order="spatial", chunks=True, records="compact", lists="supertile")
-    ours = (DEFAULT, V3, V3_PACKED, V3_STREAMS, HEADSET, TINY_V3, TINY_STREAMS, V3_EYES, TINY_EYES, *presets.values())
+    ours = (DEFAULT, V3, V3_PACKED, V3_STREAMS, HEADSET, TINY_V3, TINY_STREAMS, V3_EYES, V3_EYES_STREAMS, TINY_EYES,
+            *presets.values())
     assert HEADSET == V3.with_(name="headset", row_width=2208, list_heads=2048)
     assert V3_STREAMS == V3.with_(name="v3_streams", streams=4)
     assert {c.name for c in MACHINES.values() if c.supertiles} == {c.name for c in ours}

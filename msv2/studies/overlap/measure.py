@@ -15,7 +15,7 @@ from spec.config import PAPER, V3, AcceleratorConfig
 ARRAYS = V3.with_(name="v3_streams", streams=4)
 MACHINES: dict[str, tuple[AcceleratorConfig, tuple[str, ...]]] = {
     V3.name: (V3, (ONE, TWO)), FOUR_ARRAYS: (ARRAYS, (ONE, TWO)), STREAMS_PACKED.name: (STREAMS_PACKED, (ONE,))}
-"""The machines by name, with the kinds of frames that they render: joint frames cannot be packed."""
+"""The machines by name, with the kinds of frames that are measured on them."""
 
 TURNS = (1.0, 4.0)
 """Degrees by which the camera turns between the frame that leaves the bounds and the one that uses them: as those frames lie

@@ -61,7 +61,7 @@ def page(content: Mapping[str, Any]) -> str:
         "heads, bounds, and counters and settings of a frame. The frames are those of reports/v3.md, of a camera that stands "
         "still; a frame takes the cycles until the same phase of the next one begins.",
         "## Gains", f"Geometric means. Goals: {', '.join(f'{name} {value:g}' for name, value in GOALS.items())}, where a share "
-        "is a limit. Packed frames have one eye: joint frames cannot be packed yet.", means,
+        "is a limit. Packed frames have one eye here.", means,
         *(part for memory in MEMORY_NAMES if _of(rows, V3.name, ONE, memory) for part in (
             f"## Frames, {MEMORY_NAMES[memory]}", _frames([row for row in rows if row["memory"] == memory]))),
         "## Bounds of depth buckets", "The bounds of a frame are those that the last frame but one left. The share of pairs in "

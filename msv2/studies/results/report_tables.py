@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
+from golden.host.run_options import IDEAL
 from msv2.studies.memory import ALL_NAMES, MEMORY_NAMES, cycles_cells, cycles_heads
 from msv2.studies.page import table
 from msv2.studies.tradeoff.knobs import base_of, preset_label
@@ -23,6 +25,33 @@ def model_table(reports: dict[str, dict]) -> str | None:
     rows += [[f"stage {name}", f"{100 * e['worst']:.2f} %", f"{100 * e['mean']:.2f} %", f"{100 * e['within_5_percent']:.0f} %"]
              for name, e in s["stages"].items()]
     return table([f"cycles, {s['frames']} frames", "worst error", "mean", "frames within 5 %"], rows)
+
+
+def joint_frames_table(reports: dict[str, dict]) -> str | None:
+    """Joint frames through the RTL: their cycles, and the error of the model."""
+    if "summary" not in reports.get("frames_eyes", {}):
+        return None
+    rows = [[f"{row['scene']}, {row['size'][0]}x{row['size'][1]}", "4 levels" if row["levels"] > 1 else "-",
+             f"`{row['config']}`", row["pixels"], row.get("memory", IDEAL), f"{row['entries']:,}", f"{row['frame_cycles']:,}",
+             f"{100 * row['model']['error']:+.2f} %", _exact(row)] for row in reports["frames_eyes"]["rows"]]
+    return table(["frame", "foveation", "machine", "pixels", "memory", "intersections of both eyes", "cycles",
+                  "error of the model", "every bit and counter"], rows)
+
+
+def joint_combinations_table(reports: dict[str, dict]) -> str | None:
+    """Every combination of streams, packed frames and eyes on small machines."""
+    if "combinations" not in reports.get("frames_eyes", {}):
+        return None
+    rows = [[str(row["streams"]), row["pixels"], str(row["eyes"]), f"{row['frame_cycles']:,}",
+             f"{row['dram_bytes']['writes']['frame']:,}", f"{100 * row['model']['error']:+.2f} %", _exact(row)]
+            for row in reports["frames_eyes"]["combinations"]]
+    return table(["arrays", "pixels", "eyes", "cycles", "bytes of the frame", "error of the model", "every bit and counter"],
+                 rows)
+
+
+def _exact(row: Mapping[str, Any]) -> str:
+    """Whether a frame and its counters are equal to golden."""
+    return "yes" if row["bit_exact"] and not row["counter_errors"] else "NO"
 
 
 def presets_table(reports: dict[str, dict]) -> str | None:
@@ -167,7 +196,8 @@ def full_hd_table(reports: dict[str, dict]) -> str | None:
 
 REPORT_TABLES = {
     "performance": performance_table, "full_hd": full_hd_table, "area": area_table, "energy": energy_table,
-    "model": model_table, "presets": presets_table,
+    "model": model_table, "joint_frames": joint_frames_table, "joint_combinations": joint_combinations_table,
+    "presets": presets_table,
     "depths": depths_table, "threshold": threshold_table, "effects_all": effects_table,
     "effect_areas": effect_areas_table,
 }

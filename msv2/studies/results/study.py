@@ -5,6 +5,7 @@
     msv2 study run results --keep               the same into reports/, and the tables of README.md and docs/ from there
     msv2 study run results --only frames        one part: accuracy, frames, frames_v3, frames_streams, frames_eyes,
                                                 machine, sorting, order, latencies, synthesis, culling_area, colour, bench
+    msv2 study run results --only frames_eyes --machine tiny_eyes    the rows of one machine; the other rows stay
     msv2 study run results --only training      the tables of training, of the embedded scene and of posed/fern in MSV2_DATA;
                                                 it takes hours, but finished runs in build/train are not trained again
     msv2 study run results --only synthesis --unit splat_fetch    the row of one unit; the other rows stay
@@ -19,8 +20,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -35,26 +35,22 @@ from golden.scenes.orbit import orbit_camera
 from golden.scenes.request import make_folder
 from msv2.studies import record
 from msv2.studies.catalogue import BY_NAME
-from msv2.studies.destination import KEEP, keeping, newest, tell
+from msv2.studies.destination import KEEP, keeping, tell
 from msv2.studies.record import liberties, write_report
+from msv2.studies.results.frames import frame_rows, write_frames
+from msv2.studies.results.joint_frames import COMBINATIONS, WANTED, measure_frames_eyes
+from msv2.studies.results.joint_frames import VIEWS as JOINT_VIEWS
 from msv2.studies.results.tables import PAGES, fill
-from msv2.studies.rtl_frame import AWAY, INSIDE, kept_frame
+from msv2.studies.rtl_frame import AWAY, INSIDE
 from msv2.studies.rtl_frame import COMMAND as FRAME_COMMAND
 from msv2.studies.scenes import BENCH, EXACT, EXACT_LARGE, ORDER, SPEED, TRAINING, View, available, places
-from spec.config import PAPER, V3, V3_EYES, V3_STREAMS, AcceleratorConfig
+from spec.config import PAPER, V3, V3_STREAMS
 from spec.errors import InputError
 from spec.paths import REPORTS, ROOT
 
 BANDWIDTHS = ("25.6", "unlimited")
 """Bandwidths in bytes per cycle: that of the paper's memory, and unlimited for a beat read and a beat written in every
 cycle."""
-
-FRAME_KEYS = (
-    "camera", "size", "gaze", "levels", "config", "pixels", "merge", "pipeline", "bit_exact", "mismatches", "counter_errors",
-    "pixels_checked", "tiles", "entries", "groups", "ops", "skipped", "table_cycles", "geometry_cycles", "render_cycles",
-    "frame_cycles", "overlapped_cycles", "bound_cycles", "bounds", "utilisation", "stage_cycles", "events", "dram_bytes",
-    "latency", "bytes_per_cycle", "cycles_per_s")
-"""The fields of frame.json that the reports keep."""
 
 SYNTHESISED = (
     "near_test", "projection", "tile_test", "colour_unit", "entry_writer", "tile_merge_unit", "list_reader", "chunk_sorter",
@@ -82,21 +78,9 @@ def measure_frames(scene: str | None = None) -> None:
     wanted = [(of, merge, pipeline) for view in EXACT for of in (replace(view, gaze=None), view)
               for merge in "10" for pipeline in "10"]
     wanted += [(of, "1", "1") for view in EXACT_LARGE for of in (replace(view, gaze=None), view)]
-    _write_frames("frames", [(view, "--config", "paper", "--merge", merge, "--pipeline", pipeline)
-                             for view, merge, pipeline in wanted], {"config": PAPER}, (*EXACT, *EXACT_LARGE), scene)
-
-
-def _write_frames(
-    name: str, wanted: list[tuple], machines: Mapping[str, AcceleratorConfig], views: Sequence[View], scene: str | None,
-) -> None:
-    """Writes a report of frames in the order of `wanted`; with `scene`, new rows of this scene among the old ones of others."""
-    path = REPORTS / f"{name}.json"
-    rows = frame_rows([frame for frame in wanted if scene in (None, frame[0].scene)])
-    old = read_json(newest(path)) if scene and newest(path).is_file() else None
-    if old:
-        rows += [row for row in old["rows"] if row["scene"] != scene]
-        rows.sort(key=lambda row: [view.scene for view in views].index(row["scene"]))
-    write_report(path, {"rows": rows}, [__name__, FRAME_COMMAND], machines, places(views), earlier=old)
+    write_frames("frames", [(view, "--config", "paper", "--merge", merge, "--pipeline", pipeline)
+                            for view, merge, pipeline in wanted], {"config": PAPER}, (*EXACT, *EXACT_LARGE), scene,
+                 modules=[__name__])
 
 
 def measure_frames_v3(scene: str | None = None) -> None:
@@ -109,7 +93,7 @@ def measure_frames_v3(scene: str | None = None) -> None:
     camera = orbit_camera(model, 0, 1, 128, 128)
     inside = _camera(INSIDE, replace(camera, translation=-camera.rotation @ np.median(model.means, axis=0)))
     wanted += [(of, "--config", "v3", "--camera", inside) for of in (replace(EXACT[0], gaze=None), EXACT[0])]
-    _write_frames("frames_v3", wanted, {"config": V3}, (*EXACT, *EXACT_LARGE), scene)
+    write_frames("frames_v3", wanted, {"config": V3}, (*EXACT, *EXACT_LARGE), scene, modules=[__name__])
 
 
 def measure_frames_streams(scene: str | None = None) -> None:
@@ -117,14 +101,7 @@ def measure_frames_streams(scene: str | None = None) -> None:
     machine = V3_STREAMS.with_(packed=True)
     wanted = [(of, "--config", V3_STREAMS.name, "--set", "packed=1", "--pixels", "packed")
               for view in EXACT for of in (replace(view, gaze=None), view)]
-    _write_frames("frames_streams", wanted, {"config": machine}, EXACT, scene)
-
-
-def measure_frames_eyes(scene: str | None = None) -> None:
-    """Writes reports/frames_eyes.json: joint frames of both eyes on `v3_eyes`."""
-    wanted = [(of, "--config", V3_EYES.name, "--stereo", "--pixels", "display") for view in EXACT
-              for of in (replace(view, gaze=None), view)]
-    _write_frames("frames_eyes", wanted, {"config": V3_EYES}, EXACT, scene)
+    write_frames("frames_streams", wanted, {"config": machine}, EXACT, scene, modules=[__name__])
 
 
 def measure_machine() -> None:
@@ -148,19 +125,6 @@ def _camera(name: str, camera: Camera) -> str:
     path = make_folder(ROOT / "build" / "results") / f"{name}.json"
     save_camera(replace(camera, name=name), path)
     return str(path)
-
-
-def frame_rows(wanted: list[tuple]) -> list[dict[str, object]]:
-    """The `frame_row` of every wanted frame, given as a view and options, if its scene is present. Several run in parallel."""
-    here = {view for view, _ in available(dict.fromkeys(view for view, *_ in wanted))}
-    with ThreadPoolExecutor(max(1, (os.cpu_count() or 1) // 2)) as pool:
-        return list(pool.map(lambda frame: frame_row(*frame), [frame for frame in wanted if frame[0] in here]))
-
-
-def frame_row(view: View, *options: str) -> dict[str, object]:
-    """The kept numbers of one frame on the machine. A frame is not simulated again if its sources have not changed."""
-    row = kept_frame(ROOT / "build" / "results", scene_argument(view.scene), ["--machine", "full", *view.arguments, *options])
-    return {"scene": view.scene, **{key: row[key] for key in FRAME_KEYS}}
 
 
 def measure_order() -> None:
@@ -250,15 +214,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", choices=[*PARTS, *ON_REQUEST], help="one part instead of all")
     parser.add_argument("--unit", choices=SYNTHESISED, action="append",
                         help="with --only synthesis, update only this row; may be given several times")
-    parser.add_argument("--scene", choices=sorted({view.scene for view in (*EXACT, *EXACT_LARGE)}),
+    parser.add_argument("--scene", choices=sorted({view.scene for view in (*EXACT, *EXACT_LARGE, *JOINT_VIEWS)}),
                         help="with --only frames, frames_v3, frames_streams or frames_eyes, update only the rows of this scene")
+    parser.add_argument("--machine", choices=sorted({frame[2] for frame in (*WANTED, *COMBINATIONS)}),
+                        help="with --only frames_eyes, update only the rows of this machine")
     parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where a page is stale")
     args = parser.parse_args(argv)
     if args.unit and args.only != "synthesis":
         raise InputError(f"--unit {args.unit[0]} is of --only synthesis, not of {args.only or 'everything'}")
     if args.scene and args.only not in OF_SCENES:
         raise InputError(f"--scene {args.scene} is of --only {', '.join(OF_SCENES)}, not of {args.only or 'everything'}")
-    if args.scene and not args.check:
+    if args.machine and args.only != "frames_eyes":
+        raise InputError(f"--machine {args.machine} is of --only frames_eyes, not of {args.only or 'everything'}")
+    if args.machine and not args.check:
+        measure_frames_eyes(args.scene, args.machine)
+    elif args.scene and not args.check:
         OF_SCENES[args.only](args.scene)
     elif args.unit and not args.check:
         measure_synthesis(args.unit)

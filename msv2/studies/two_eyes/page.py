@@ -68,7 +68,7 @@ def page(content: Mapping[str, Any]) -> str:
     parts = [
         "# Two eyes from one set of lists", "Written by `msv2 study run two_eyes`. docs/stereo.md describes joint frames, and "
         "docs/formats.md defines them.\n\nThe cycles are those of the cycle model, for display pixels that are **not "
-        f"packed**: joint frames cannot be packed yet. `{V3_EYES.name}` is the machine whose RTL renders joint frames "
+        f"packed**. `{V3_EYES.name}` is the machine whose RTL renders joint frames "
         "(reports/frames_eyes.json). The frames are those of reports/v3.md: four levels and the gaze in the centre of the left "
         "eye, which is the source; the right eye looks at the same point.",
         "## Cycles",

@@ -99,8 +99,7 @@ def test_run_options():
     assert parsed(stereo=True).display and not parsed("--pixels", "wide", stereo=True).display
     packed = parsed("--pixels", "packed")
     assert (packed.display, packed.packed) == (True, True) and not parsed("--pixels", "display").packed
-    with pytest.raises(InputError, match="pixels 'packed' is not accepted with --stereo: 'display' is"):
-        parsed("--pixels", "packed", stereo=True)
+    assert parsed("--pixels", "packed", stereo=True) == packed
     assert parsed("--merge", "0", "--beta", "9").beta == 0 and parsed("--beta", "9").beta == 9
     assert parsed("--pipeline", "0").incremental is False and parsed("--machine", "full").full
     assert parsed("--memory", "lpddr3") == replace(parsed(), memory="lpddr3") and parsed().memory == "ideal"

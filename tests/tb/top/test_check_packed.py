@@ -14,9 +14,9 @@ from spec.memory import BEAT_BYTES
 from spec.packed import SLOT_BEATS, table_beat
 from tb.top.check import expected_events, mismatches
 from tb.top.check_packed import packed_counter_errors
-from tb.top.planned import problems
+from tb.top.planned import pixels_of, problems
 from tb.top.player import FrameResult
-from tb.top.suite import VARIANTS, PlannedFrame, broken_plan, good_plan, pixels_of
+from tb.top.suite import VARIANTS, PlannedFrame, broken_plan, good_plan
 
 CONFIG = VARIANTS["tiny_v3_packed"]
 
