@@ -99,6 +99,8 @@ class AcceleratorConfig:
         packed: whether the machine can pack frames for displays (`spec.packed`); this needs lists by super-tile.
         joint: whether the machine renders joint frames of two eyes (`spec.joint`) besides frames of one; this needs lists by
             super-tile.
+        overlap: whether the first phase of a frame runs beside the second phase of the frame before (docs/machine.md); this
+            needs lists by super-tile, and excludes `joint`.
         formats: number formats.
     """
 
@@ -136,6 +138,7 @@ class AcceleratorConfig:
     streams: int = 1
     packed: bool = False
     joint: bool = False
+    overlap: bool = False
     formats: NumberFormats = field(default_factory=NumberFormats)
 
     def __post_init__(self) -> None:
@@ -165,7 +168,7 @@ class AcceleratorConfig:
             if getattr(self, name) & (getattr(self, name) - 1):
                 raise ValueError(f"{name} must be a power of two, not {getattr(self, name)!r}")
         for name in ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks", "buckets",
-                     "lockstep", "packed", "joint"):
+                     "lockstep", "packed", "joint", "overlap"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"{name} must be a bool, not {getattr(self, name)!r}")
         for name, accepted in (("warp_fill", WARP_FILLS), ("order", ORDERS), ("records", RECORDS), ("lists", LISTS)):
@@ -183,9 +186,12 @@ class AcceleratorConfig:
             raise ValueError("stereo must be False in a machine with lists by super-tile: `paper` renders two eyes")
         if self.streams not in (1, MOST_STREAMS):
             raise ValueError(f"streams must be 1 or {MOST_STREAMS}, not {self.streams!r}")
-        for name, has in (("streams", self.streams > 1), ("packed frames", self.packed), ("joint frames", self.joint)):
+        for name, has in (("streams", self.streams > 1), ("packed frames", self.packed), ("joint frames", self.joint),
+                          ("overlapped phases", self.overlap)):
             if has and not self.supertiles:
                 raise ValueError(f"lists must be 'supertile' in a machine with {name}, not {self.lists!r}")
+        if self.joint and self.overlap:
+            raise ValueError("joint must be False in a machine with overlapped phases: it renders one eye")
         if self.stereo and not self.depth:
             raise ValueError(f"depth must be True in a machine with stereo, not {self.depth!r}")
         sigma = self.support_sigma
@@ -305,6 +311,8 @@ V3_EYES = V3.with_(name="v3_eyes", joint=True)
 V3_EYES_STREAMS = V3_EYES.with_(name="v3_eyes_streams", streams=4, packed=True)
 """Everything that V3 can have, for two eyes: four arrays, and frames that are packed."""
 TINY_EYES = TINY_V3.with_(name="tiny_eyes", joint=True)
+V3_OVERLAP = V3.with_(name="v3_overlap", overlap=True)
+TINY_OVERLAP = TINY_V3.with_(name="tiny_overlap", overlap=True)
 DEFAULT = V3.with_(name="default", culling_units=2, row_width=1280)
 HEADSET = V3.with_(name="headset", row_width=2208, list_heads=2048)
 """V3 for the eye of a headset, 2064 by 2208 pixels."""
@@ -325,7 +333,7 @@ PRESETS = {config.name: config for config in (PRECISE, BALANCED, FAST)}
 CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER, V3, *PRESETS.values())}
 
 MACHINES = CONFIGS | {config.name: config for config in (
-    TINY_V3, TINY_STREAMS, TINY_EYES, PAPER_BASE, PAPER_SMALL, V3_RECORDS, V3_PACKED, V3_STREAMS, V3_EYES, V3_EYES_STREAMS,
-    HEADSET)}
+    TINY_V3, TINY_STREAMS, TINY_EYES, TINY_OVERLAP, PAPER_BASE, PAPER_SMALL, V3_RECORDS, V3_PACKED, V3_STREAMS, V3_EYES,
+    V3_EYES_STREAMS, V3_OVERLAP, HEADSET)}
 """What command lines take as a machine's name: those above, small ones for tests, the paper's baseline, PAPER with a smaller
 front end, and the steps from PAPER to V3 and beyond."""

@@ -46,10 +46,11 @@ MAGIC = 0x4D535632
 
 VERSION_MAJOR, VERSION_MINOR = 4, 0
 """Of this map. A higher minor version only adds registers; machines with stereo have the next one, those that pack frames the
-second, and those with joint frames the fourth. In version 3 every machine had the settings, clients and counters of splat
-records, which machines with lists by super-tile lack, and `machine_frame` and `machine_cache` had one number each. Version 2
-had no machines with chunks, whose settings and counters stand before those of stereo: these have moved. Version 1 had a field
-`sorting_units` in `machine_units`, which did nothing; versions below 1.2 no counters of saturated values."""
+second, those with joint frames the fourth, and those with overlapped phases the eighth. In version 3 every machine had the
+settings, clients and counters of splat records, which machines with lists by super-tile lack, and `machine_frame` and
+`machine_cache` had one number each. Version 2 had no machines with chunks, whose settings and counters stand before those of
+stereo: these have moved. Version 1 had a field `sorting_units` in `machine_units`, which did nothing; versions below 1.2 no
+counters of saturated values."""
 
 CONTROL_BASE = 0x020
 """Byte address of the first control register."""
@@ -82,6 +83,10 @@ CHUNK_READ_CLIENTS = ("chunks",)
 
 SUPERTILE_STAGES = watched(StagePhase.GEOMETRY, StagePhase.RENDERING, supertiles=True)
 """The watched stages of machines with lists by super-tile, in the order of the data."""
+
+OVERLAP_READ_CLIENTS = ("first",)
+"""Additional read clients of machines with overlapped phases: `first` reads the table of tiles, and then the chunks' headers, for the
+first phase, beside which the second one has the clients `tiles` and `chunks` for itself."""
 
 STEREO_STAGES = watched(StagePhase.SECOND_EYE)
 """Additional stages of machines with stereo; the input stream of `warp` are the rows that the warp unit takes."""
@@ -213,7 +218,8 @@ def _stored(config: AcceleratorConfig, clients: tuple[str, ...]) -> tuple[str, .
 
 def read_clients(config: AcceleratorConfig) -> tuple[str, ...]:
     """The read clients of a machine, in the order of their AXI IDs."""
-    return _stored(config, READ_CLIENTS) + (CHUNK_READ_CLIENTS if config.chunks else ())
+    return _stored(config, READ_CLIENTS) + (CHUNK_READ_CLIENTS if config.chunks else ()) + (
+        OVERLAP_READ_CLIENTS if config.overlap else ())
 
 
 def write_clients(config: AcceleratorConfig) -> tuple[str, ...]:
@@ -235,7 +241,7 @@ def _common_events(config: AcceleratorConfig) -> dict[str, str]:
 
 def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
     """Every counter of a machine, in the order of its registers: first those of all machines, then those of chunks, of stereo
-    and of super-tiles, at the end those of saturated values."""
+    and of super-tiles and of overlapped phases, at the end those of saturated values."""
     phases = {"total": "in which the machine was busy"} | {
         p.name.lower(): f"of phase {p.name}" for p in (Phase.TABLE, Phase.GEOMETRY, Phase.RENDER)}
     per_stage = {"busy": "took an item", "starved": "had none to take", "blocked": "had one but could not take it"}
@@ -266,19 +272,21 @@ def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
         *(chunks if config.chunks else ()),
         *(stereo if config.stereo else ()),
         *(supertiles if config.supertiles else ()),
+        *(of_clients("read", OVERLAP_READ_CLIENTS) if config.overlap else ()),
         *(Counter(saturation.name, saturation.doc) for saturation in SATURATIONS),
     )
 
 
 def fingerprint(config: AcceleratorConfig) -> int:
-    """A hash of 32 bits that differs where machines differ in any parameter but their names and the lack of joint frames."""
-    text = repr(config.with_(name="any")).replace("joint=False, ", "").encode()
+    """A hash of 32 bits that differs where machines differ in any parameter but their names and the lack of joint frames and of
+    overlapped phases."""
+    text = repr(config.with_(name="any")).replace("joint=False, ", "").replace("overlap=False, ", "").encode()
     return int.from_bytes(hashlib.sha256(text).digest()[:4], "little")
 
 
 def version_minor(config: AcceleratorConfig) -> int:
     """The minor version of a machine's map."""
-    return VERSION_MINOR + config.stereo + 2 * config.packed + 4 * config.joint
+    return VERSION_MINOR + config.stereo + 2 * config.packed + 4 * config.joint + 8 * config.overlap
 
 
 def identity(config: AcceleratorConfig) -> dict[str, int]:
@@ -288,7 +296,8 @@ def identity(config: AcceleratorConfig) -> dict[str, int]:
             config.cores_x, config.cores_y, config.levels, config.depth, config.incremental, config.counters, config.stereo,
             config.sh_degree, config.blend, config.chunks, config.compact, config.supertiles, config.packed,
             config.streams > 1),
-        "machine_units": (config.culling_units, config.joint, config.merge_ways, config.warp_lanes if config.stereo else 0),
+        "machine_units": (
+            config.culling_units, config.joint, config.overlap, config.merge_ways, config.warp_lanes if config.stereo else 0),
         "machine_frame": (config.row_width, *((config.list_heads, config.buckets) if config.supertiles else (0, 0))),
         "machine_cache": (config.header_lines, config.batch_places) if config.supertiles else (config.splat_cache_lines, 0),
     }
@@ -317,7 +326,9 @@ _IDENTITY = (
         Bits("streams", 31, 1, "four arrays, each with a stream of its own"))),
     Register("machine_units", 0x010, Access.READ_ONLY, "parameters of the units around the array", (
         Bits("culling_units", 0, 8, "culling and conversion units"),
-        Bits("joint", 8, 1, "frames of two eyes in one set of lists"), Bits("merge_ways", 16, 8, "runs merged at a time"),
+        Bits("joint", 8, 1, "frames of two eyes in one set of lists"),
+        Bits("overlap", 9, 1, "the phases of two frames run side by side"),
+        Bits("merge_ways", 16, 8, "runs merged at a time"),
         Bits("warp_lanes", 24, 8, "rows warped side by side; 0 without stereo"))),
     Register("machine_frame", 0x014, Access.READ_ONLY, "largest frame", (
         Bits("row_width", 0, 16, "widest row in pixels"),
@@ -331,8 +342,9 @@ _IDENTITY = (
 
 _CONTROL = (
     Register("control", CONTROL_BASE, Access.READ_WRITE, "commands", (
-        Bits("start", 0, 1, "begin a frame; ignored while busy", strobe=True),
-        Bits("abort", 1, 1, "end the frame with error ABORTED; ignored unless busy", strobe=True),
+        Bits("start", 0, 1, "begin a frame; ignored while busy, or with overlapped phases where `ready` of `status` is 0",
+             strobe=True),
+        Bits("abort", 1, 1, "end the frame, or both, with error ABORTED; ignored unless busy", strobe=True),
         Bits("reset", 2, 1, "abort where busy; clear how the last frame ended: `done` and `error` of `status`, `error`, "
              "`bad_setting`, `interrupt`", strobe=True),
         Bits("clear", 3, 1, "set all counters to 0", strobe=True),
@@ -342,9 +354,15 @@ _CONTROL = (
         Bits("busy", 0, 1, "a frame is under way, or is being stopped"),
         Bits("done", 1, 1, "the last frame is in memory; cleared by the next start"),
         Bits("error", 2, 1, "the last frame ended early; cleared by the next start"),
-        Bits("phase", 8, 4, "what the machine is doing", values=Phase))),
+        Bits("ready", 3, 1, "with overlapped phases: no frame is in its first phase, so that a start begins one"),
+        Bits("phase", 8, 4, "what the machine is doing; with overlapped phases for the frame in its second phase",
+             values=Phase),
+        Bits("first_phase", 12, 4, "with overlapped phases: what it is doing for the frame in its first phase", values=Phase))),
     Register("error", CONTROL_BASE + 0x8, Access.READ_ONLY, "why the last frame ended early", (
-        Bits("code", 0, 8, "cleared by the next start", values=ErrorCode),)),
+        Bits("code", 0, 8, "cleared by the next start; with overlapped phases that of the frame in its second phase",
+             values=ErrorCode),
+        Bits("first_code", 8, 8, "with overlapped phases: that of the frame in its first phase, or of one that did not begin",
+             values=ErrorCode))),
     Register("bad_setting", CONTROL_BASE + 0xC, Access.READ_ONLY,
              "with BAD_SETTING: number of the first setting that is out of its limits, counted from 0 in their order"),
     Register("error_clients", CONTROL_BASE + 0x10, Access.READ_ONLY, "clients whose accesses memory answered with an error"),

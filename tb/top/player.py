@@ -219,6 +219,11 @@ def _orders(registers: Map, run: FrameRun, number: int, files: dict[int, int], f
     }
 
 
+def _error(registers: Map, value: int) -> ErrorCode:
+    """The error of a frame that was alone in the machine, which may have two, for a frame in each phase."""
+    return ErrorCode(registers.part("error", "code", value) or registers.part("error", "first_code", value))
+
+
 def _pixels_only(image: MemoryImage) -> Pass:
     pixels = image.width * image.height * (2 if "target_frame" in image.regions else 1)
     return Pass(0, 0, pixels, pixels)
@@ -233,7 +238,7 @@ def _result(registers: Map, run: FrameRun, item: dict, dump: Path) -> FrameResul
         name = low.removesuffix("_low")
         values[name] = values.pop(low) | values.pop(f"{name}_high") << 32
     return FrameResult(
-        run.image.frame(dump), ErrorCode(registers.part("error", "code", values.get("error", 0))),
+        run.image.frame(dump), _error(registers, values.get("error", 0)),
         bool(registers.part("status", "done", values.get("status", 0))), values, item["cycles"], item["reads"], item["writes"],
         item["busy"], item["seconds"], item["cpu_seconds"], tuple(errors), run.image.target_frame(dump),
         item["activates"], item["refreshes"], item["idle_cycles"])
