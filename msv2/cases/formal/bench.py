@@ -86,6 +86,7 @@ class Bench:
         memories: further pairs of stream names, requests and answers.
         own: names of inputs and streams that the caller drives.
         narrow: for an input stream, fields of its items of which only so many bits are used; the others are 0.
+        taken: output streams whose receivers have always free space: every item is taken at once.
 
     Raises:
         ValueError: a name is none of the unit's.
@@ -94,13 +95,14 @@ class Bench:
     def __init__(
         self, unit: wiring.Component, *, free: Iterable[str] = (), held: Mapping[str, int] | None = None,
         memories: Iterable[tuple[str, str]] = (), own: Iterable[str] = (),
-        narrow: Mapping[str, Mapping[str, int]] | None = None,
+        narrow: Mapping[str, Mapping[str, int]] | None = None, taken: Iterable[str] = (),
     ):
         self.m, self.unit = Module(), unit
         self.inputs: list[Value] = []
         self.claims: list[Claim] = []
         self.sinks: dict[str, End] = {}
         self.sources: dict[str, End] = {}
+        self.strobes: list[Value] = []
         self._assumed: list[Value] = []
         self.live = Signal(reset_less=True, attrs={KEPT: 1})
         self.m.domains.sync = domain = ClockDomain("sync")
@@ -108,7 +110,7 @@ class Bench:
         self.m.d.comb += domain.rst.eq(~self.live)
         self.m.d.sync += self.live.eq(1)
         self._sound, self._now, self._numbers = Signal(name="sound", init=1), Signal(name="sound_now"), 0
-        self._narrow = dict(narrow or {})
+        self._narrow, self.taken = dict(narrow or {}), set(taken)
         self.m.submodules.unit = unit
         self._surround(unit, set(free), dict(held or {}), dict(memories), set(own))
 
@@ -186,7 +188,7 @@ class Bench:
                  if name not in own and name.partition("[")[0] not in own]
         members = unit.signature.members
         names = {name for name, _, _ in streams(unit)}
-        for name in (*free, *held, *memories, *memories.values(), *own):
+        for name in (*free, *held, *memories, *memories.values(), *own, *self._narrow, *self.taken):
             if name not in names | set(members):
                 raise ValueError(f"{type(unit).__name__} has no port {name!r}, only {', '.join(sorted(names | set(members)))}")
         memories = memories | {name: answer for name in names
@@ -212,11 +214,14 @@ class Bench:
         if name in held:
             return Const(held[name], shape)
         if name in free:
-            return Value.cast(self.any(shape, label))
+            found = Value.cast(self.any(shape, label))
+            self.strobes.append(found.any())
+            return found
         if name in ZERO:
             return Const(0, shape)
         if name in STROBES and hasattr(unit, "busy"):
-            return self.any(1, label) & ~unit.busy
+            self.strobes.append(self.any(1, label))
+            return self.strobes[-1] & ~unit.busy
         if name == "writes_idle" and "writes" in self.sources:
             return self._completed(self.sources["writes"])
         return Value.cast(self.some(shape, label))
@@ -258,7 +263,7 @@ class Bench:
         """Takes items, or not, in every cycle. As a memory it takes no request while too many are open."""
         label = _plain(name)
         moves = Signal(name=f"{label}_moves")
-        ready = self.any(1, f"{label}_ready")
+        ready = Const(1, 1) if name in self.taken else self.any(1, f"{label}_ready")
         if answered_by is not None:
             answers = dict((n, p) for n, p, _ in streams(self.unit))[answered_by]
             open_ = Signal(range(MOST_ASKED + 2), name=f"{label}_open")

@@ -10,7 +10,7 @@ from msv2.cases.formal.bench import Bench
 def holds(bench: Bench) -> None:
     """Of every output stream: what is offered stays offered, and unchanged, until it is taken."""
     for name, end in bench.sources.items():
-        if not end.port.signature.always_ready:
+        if not end.port.signature.always_ready and name not in bench.taken:
             keeps(bench, name, end.port.valid, end.port.ready, end.item)
 
 
@@ -21,6 +21,28 @@ def keeps(bench: Bench, name: str, valid: ValueLike, ready: ValueLike, payload: 
     bench.never(f"{name}: valid stays until ready", ~valid, when=waits)
     if len(payload):
         bench.never(f"{name}: the payload stays until ready", payload != bench.before(payload), when=waits & valid)
+
+
+def silent(bench: Bench) -> None:
+    """Nothing is offered from reset on until something has come: no register brings an item with it when the power comes on."""
+    comes = Cat(*(end.port.valid for end in bench.sinks.values()), *bench.strobes)
+    quiet = ~(bench.seen(comes.any()) | comes.any()) if len(comes) else bench.before(0)
+    for name, end in bench.sources.items():
+        bench.never(f"{name}: nothing before anything has come", end.port.valid, when=quiet & bench.seen(1))
+
+
+def offers_busily(bench: Bench) -> None:
+    """A unit that tells whether it is busy is so while it offers an item."""
+    if "busy" in bench.unit.signature.members:
+        for name, end in bench.sources.items():
+            bench.never(f"{name}: busy while an item is offered", ~bench.unit.busy, when=end.port.valid)
+
+
+def general(bench: Bench) -> None:
+    """All claims that hold of any unit."""
+    holds(bench)
+    silent(bench)
+    offers_busily(bench)
 
 
 def passes(bench: Bench, sink: str, source: str, *, bit: tuple[ValueLike, ValueLike] | None = None) -> None:
@@ -83,3 +105,16 @@ def conserves(bench: Bench, name: str, comes: ValueLike, goes: ValueLike, most: 
     if empty is not None:
         bench.never(f"{name}: none is missing when nothing is inside", inside != 0, when=Value.cast(empty) & bench.seen(goes))
     return inside
+
+
+def once(bench: Bench, name: str, comes: ValueLike, goes: ValueLike, *, empty: ValueLike) -> None:
+    """One item, any one, is marked: it never leaves before it came, nor twice, and where the unit is `empty` it has left.
+
+    Args:
+        comes, goes: the marked item comes, or leaves, in this cycle.
+    """
+    came, left = bench.seen(comes), bench.seen(goes)
+    bench.assume(~(came & Value.cast(comes)))
+    bench.never(f"{name} does not come from nowhere", ~(came | Value.cast(comes)), when=goes)
+    bench.never(f"{name} does not leave twice", left, when=goes)
+    bench.never(f"{name} is not lost", ~left, when=Value.cast(empty) & came)

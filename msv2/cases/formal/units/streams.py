@@ -6,7 +6,7 @@ from amaranth.hdl import Cat, Mux
 from amaranth.lib import data
 
 from msv2.cases.formal.bench import Bench
-from msv2.cases.formal.contract import accepts, conserves, holds, level, passes, progresses
+from msv2.cases.formal.contract import accepts, conserves, general, level, passes, progresses
 from msv2.cases.formal.proof import SMALL, Proof
 from rtl.axi.read_port import ReadQueue
 from rtl.cache_tags import CacheTags
@@ -92,12 +92,12 @@ def cache_lines(bench: Bench) -> None:
 LINES = 4
 
 PROOFS = (
-    Proof(Buffer, lambda: Buffer(3), (holds, buffer), quick=True),
-    Proof(Fork, lambda: Fork(2, 2), (holds, fork), quick=True),
-    Proof(Broadcast, lambda: Broadcast(2, 3), (holds, broadcast), quick=True),
-    Proof(ReadQueue, lambda: ReadQueue(SMALL, 3), (holds, read_queue), "3 places",
+    Proof(Buffer, lambda: Buffer(3), (general, buffer), quick=True),
+    Proof(Fork, lambda: Fork(2, 2), (general, fork), quick=True),
+    Proof(Broadcast, lambda: Broadcast(2, 3), (general, broadcast), quick=True),
+    Proof(ReadQueue, lambda: ReadQueue(SMALL, 3), (general, read_queue), "3 places",
           {"memories": [("requests", "beats")]}, quick=True),
-    Proof(CacheTags, lambda: CacheTags(REQUEST, lines=LINES, ways=2), (holds, cache_tags), "4 lines of 2 ways"),
+    Proof(CacheTags, lambda: CacheTags(REQUEST, lines=LINES, ways=2), (general, cache_tags), "4 lines of 2 ways"),
     Proof(CacheLines, lambda: CacheLines(data.StructLayout({"content": 2}), LINES, data.StructLayout({"mark": 1})),
-          (holds, cache_lines), "4 lines"),
+          (general, cache_lines), "4 lines"),
 )
