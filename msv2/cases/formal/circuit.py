@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -55,6 +56,10 @@ opt_clean
 of a payload that a component does not use."""
 
 SECONDS = 300
+"""Limit of Yosys' time."""
+
+_RUN = "import sys\nfrom pyosys import libyosys as y\ny.run_pass('script ' + sys.argv[1], y.Design())"
+"""Yosys in a process of its own, which ends where it meets an error."""
 
 
 @dataclass(frozen=True)
@@ -98,27 +103,33 @@ def _forget(module: str) -> str:
     return cells.sub(kept, module)
 
 
-def to_circuit(design: Elaboratable, inputs: list[Value], outputs: dict[str, Signal], folder: Path) -> Circuit:
-    """Writes a design as AIGER into `folder`.
+def text_of(design: Elaboratable, inputs: Sequence[Value], outputs: Mapping[str, Signal]) -> str:
+    """A design as RTLIL, without what memories hold when the power comes on.
 
     Args:
-        design: the design, with a clock domain `sync` whose clock is the only one.
-        inputs: what has any value in every cycle.
-        outputs: signals of one bit by name.
+        design: the design, with a clock domain `sync`, the only one.
+        inputs: what has any value in every cycle, and the clock.
+        outputs: signals of one bit, by their names.
+    """
+    emission = Emission()
+    top = rtlil.convert(design, name=TOP, ports=[*inputs, *outputs.values()], platform=emission, emit_src=False)
+    return without_contents("\n".join([*emission.modules.values(), top]))
+
+
+def to_circuit(text: str, outputs: Sequence[str], folder: Path) -> Circuit:
+    """Writes RTLIL as AIGER into `folder`.
 
     Raises:
+        InputError: pyosys is not installed.
         RuntimeError: Yosys failed; the message ends with what it said.
     """
+    find_abc()
     folder.mkdir(parents=True, exist_ok=True)
-    emission = Emission()
-    ports = [*inputs, *outputs.values()]
-    top = rtlil.convert(design, name=TOP, ports=ports, platform=emission, emit_src=False)
     source, script, aiger, names = (folder / f"circuit.{kind}" for kind in ("il", "ys", "aig", "map"))
-    source.write_text(without_contents("\n".join([*emission.modules.values(), top])))
+    source.write_text(text)
     script.write_text(f"read_rtlil {source.name}\n{PASSES}write_aiger -zinit -no-sort -symbols -map {names.name} {aiger.name}\n")
-    run = subprocess.run(
-        [sys.executable, "-c", "import sys\nfrom pyosys import libyosys as y\ny.run_pass('script ' + sys.argv[1], y.Design())",
-         script.name], capture_output=True, text=True, timeout=SECONDS, cwd=folder, check=False)
+    run = subprocess.run([sys.executable, "-c", _RUN, script.name], capture_output=True, text=True, timeout=SECONDS, cwd=folder,
+                         check=False)
     if run.returncode:
         raise RuntimeError(f"Yosys failed with {run.returncode}: {(run.stdout + run.stderr)[-1000:]}")
     found = {line.split()[3].lstrip("\\"): int(line.split()[1]) for line in names.read_text().splitlines()
@@ -128,7 +139,7 @@ def to_circuit(design: Elaboratable, inputs: list[Value], outputs: dict[str, Sig
     if any(literals[place] for place in unnamed) or len(literals) != len(outputs):
         raise RuntimeError(f"the map of {aiger} must name every output that is not constantly 0")
     constant = iter(unnamed)
-    places = {name: found[signal.name] if signal.name in found else next(constant) for name, signal in outputs.items()}
+    places = {name: found[name] if name in found else next(constant) for name in outputs}
     return Circuit(aiger, places, header[2], header[4])
 
 

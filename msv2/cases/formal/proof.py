@@ -10,7 +10,7 @@ from typing import Any
 from amaranth.lib import wiring
 
 from msv2.cases.formal.bench import Bench
-from msv2.cases.formal.circuit import to_circuit
+from msv2.cases.formal.circuit import text_of, to_circuit
 from msv2.cases.formal.contract import general
 from msv2.cases.formal.engine import Verdict, prove, reach
 from spec.config import TINY, TINY_V3
@@ -88,13 +88,38 @@ class Judged:
         return "empty" if self.verdict.kind == "proven" and self.canary.kind != "fails" else self.verdict.kind
 
 
-def judge(proof: Proof, folder: Path, *, seconds: float | None = None) -> Iterator[Judged]:
-    """Judges all claims of a proof, one after the other; `seconds` replaces the proof's time limit of a claim."""
+@dataclass(frozen=True)
+class Posed:
+    """A bench as text: what a proof is about, in every detail.
+
+    Attributes:
+        text: RTLIL.
+        claims: names of the claims; claim n has the outputs bad_n and canary_n.
+    """
+
+    text: str
+    claims: tuple[str, ...]
+
+
+def posed(proof: Proof) -> Posed:
+    """The bench of a proof as text."""
     bench = proof.bench()
     signals = {signal.name: signal for claim in bench.claims for signal in (claim.bad, claim.canary)}
-    circuit = to_circuit(bench.finish(), bench.inputs, signals, folder / proof.folder_name)
-    limit = proof.seconds if seconds is None else seconds
-    for claim in bench.claims:
-        canary = reach(circuit, claim.canary.name, max(limit, CANARY_SECONDS))
-        verdict = prove(circuit, claim.bad.name, limit)
-        yield Judged(proof.name, claim.name, circuit.latches, circuit.ands, verdict, canary)
+    return Posed(text_of(bench.finish(), bench.inputs, signals), tuple(claim.name for claim in bench.claims))
+
+
+def judge(proof: Proof, folder: Path, question: Posed | None = None) -> Iterator[Judged]:
+    """Judges all claims of a proof, one after the other.
+
+    Args:
+        folder: for files, in a folder of the proof's name.
+        question: what `posed` returned, where it is known.
+    """
+    question = question or posed(proof)
+    numbers = range(len(question.claims))
+    names = [f"{kind}_{n}" for n in numbers for kind in ("bad", "canary")]
+    circuit = to_circuit(question.text, names, folder / proof.folder_name)
+    for number, name in zip(numbers, question.claims, strict=True):
+        canary = reach(circuit, f"canary_{number}", max(proof.seconds, CANARY_SECONDS))
+        verdict = prove(circuit, f"bad_{number}", proof.seconds)
+        yield Judged(proof.name, name, circuit.latches, circuit.ands, verdict, canary)

@@ -224,6 +224,13 @@ def merge_node(bench: Bench) -> None:
 def dispatch(bench: Bench) -> None:
     """Every intersection goes to exactly one of the two outputs."""
     chunks, direct, runs = bench.sinks["chunks"], bench.sources["direct"], bench.sources["run_entries"]
+    cut, number, inside = bench.unit.cuts, bench.register("number", len(bench.unit.cuts.payload.number)), bench.register("inside")
+    with bench.m.If(chunks.moves):
+        bench.m.d.sync += [number.eq(number + chunks.port.payload.last), inside.eq(~chunks.port.payload.last)]
+    now = cut.valid & (cut.payload.number == number)
+    # a cut arrives before its chunk: it is there when the chunk is offered first, or never
+    offered = bench.before(chunks.port.valid & ~chunks.moves) | inside
+    bench.assume(~offered | (now == bench.before(now)))
     bench.never("an intersection that is taken goes somewhere", ~(direct.moves | runs.moves), when=chunks.moves)
     bench.never("to one output only", direct.moves & runs.moves, when=direct.moves)
     bench.never("nothing goes out that was not taken", ~chunks.moves, when=direct.moves | runs.moves & ~runs.port.payload.nothing)
@@ -258,9 +265,9 @@ def writer(bench: Bench) -> None:
     unit = bench.unit
     for name in ("chunks", "merged"):
         end, there = bench.sinks[name], getattr(unit, f"{name}_there")
-        conserves(bench, f"fences of {name}", end.moves & (end.port.payload.fence | end.port.payload.nothing), there, 6)
+        conserves(bench, f"fences of {name}", end.moves & (end.port.payload.fence | end.port.payload.nothing), there, 4)
     real = [end.moves & ~end.port.payload.nothing for end in bench.sinks.values()]
-    conserves(bench, "beats", real[0] + real[1], bench.sources["writes"].moves, 6)
+    conserves(bench, "beats", real[0] + real[1], bench.sources["writes"].moves, 4)
     bench.never("a fence is passed only when memory has all writes", ~unit.writes_idle, when=unit.chunks_there | unit.merged_there)
 
 
@@ -287,7 +294,7 @@ PROOFS = (
     Proof(TileMergeUnit, lambda: TileMergeUnit(SMALL, count_bits=2), (general, tile_merge), "4 tiles, 2 bits",
           {"held": {"tiles_x": 2, "auto": 0}}),
     Proof(AutoBeta, lambda: AutoBeta(SMALL), (divides,), "", {"free": ("start",)}),
-    Proof(SpillDispatch, lambda: SpillDispatch(SMALL), (general, dispatch), "", {"free": ("freed",), "taken": ("parts",)}),
+    Proof(SpillDispatch, lambda: SpillDispatch(SMALL), (general, dispatch), "", {"held": {"freed": 0}, "taken": ("parts",)}),
     Proof(BeatPacker, lambda: BeatPacker(SMALL), (general, packer), ""),
     Proof(RunWriter, lambda: RunWriter(SMALL, depth=4), (general, writer), "4 places"),
     Proof(MergePlan, lambda: MergePlan(SMALL), (general,), "", {"free": ("written",)}),
