@@ -124,6 +124,8 @@ STUDIES = (
           "energies of operations, measured on mapped netlists at work",
           (Report("--keep", ("energy_per_operation.json",), 120, f"{SCENES}, {PDK}"),)),
     Study("equivalence", "msv2.studies.equivalence.study", "whether the hardware of two commits is the same"),
+    Study("formal", "msv2.studies.formal.study", "claims of the units, proven for all inputs",
+          (Report("--keep", _files("formal", "json", "md"), 30, "the extra `synth`"),)),
     Study("fpga", "msv2.studies.fpga.study", "LUTs, flip-flops, memories and multipliers of every unit on FPGAs",
           (Report("--keep", ("fpga.json",), 30),)),
     Study("frames", "msv2.studies.results.study", "frames through the RTL, compared with the golden renderer in every bit",
