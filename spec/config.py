@@ -4,7 +4,7 @@ V3 is our machine: the resources of the paper, a model in spatial order, read in
 super-tile (`spec.supertiles`). It renders one eye. DEFAULT is V3 with fewer front-end units and a narrower row, HEADSET
 V3 with a wider one. V3_PACKED packs its frames (`spec.packed`), V3_STREAMS has four arrays, and V3_EYES renders two eyes from
 one set of lists (`spec.joint`). PAPER reproduces the machine of the paper (section 7, "Hardware Implementation"), whose lists
-belong to tiles; it and variants of it warp the second eye. TINY, TINY_V3, TINY_STREAMS and TINY_EYES are for fast simulation.
+belong to tiles; it and variants of it warp the second eye. TINY, TINY_V3, TINY_STREAMS and TINY_EYES are for fast simulation, FPGA for an FPGA.
 PRECISE, BALANCED and FAST are V3 with the word lengths and SH degrees that lost at most 0.01, 0.1 and 0.5 dB of PSNR on PAPER
 (docs/tradeoff.md).
 """
@@ -99,6 +99,8 @@ class AcceleratorConfig:
         packed: whether the machine can pack frames for displays (`spec.packed`); this needs lists by super-tile.
         joint: whether the machine renders joint frames of two eyes (`spec.joint`) besides frames of one; this needs lists by
             super-tile, and excludes `packed`.
+        bank_memories: whether pixel cores keep their banks in memories and not in registers, which is smaller on an FPGA where
+            a core computes many pixels in turn; this needs lists by tile.
         formats: number formats.
     """
 
@@ -136,6 +138,7 @@ class AcceleratorConfig:
     streams: int = 1
     packed: bool = False
     joint: bool = False
+    bank_memories: bool = False
     formats: NumberFormats = field(default_factory=NumberFormats)
 
     def __post_init__(self) -> None:
@@ -165,7 +168,7 @@ class AcceleratorConfig:
             if getattr(self, name) & (getattr(self, name) - 1):
                 raise ValueError(f"{name} must be a power of two, not {getattr(self, name)!r}")
         for name in ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks", "buckets",
-                     "lockstep", "packed", "joint"):
+                     "lockstep", "packed", "joint", "bank_memories"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"{name} must be a bool, not {getattr(self, name)!r}")
         for name, accepted in (("warp_fill", WARP_FILLS), ("order", ORDERS), ("records", RECORDS), ("lists", LISTS)):
@@ -186,6 +189,8 @@ class AcceleratorConfig:
         for name, has in (("streams", self.streams > 1), ("packed frames", self.packed), ("joint frames", self.joint)):
             if has and not self.supertiles:
                 raise ValueError(f"lists must be 'supertile' in a machine with {name}, not {self.lists!r}")
+        if self.bank_memories and self.supertiles:
+            raise ValueError("bank_memories must be False in a machine with lists by super-tile: their pixels are loaded in turn")
         if self.joint and self.packed:
             raise ValueError("packed must be False in a machine with joint frames: it packs none of two eyes")
         if self.stereo and not self.depth:
@@ -322,9 +327,14 @@ FAST = PRECISE.with_(name="fast", sh_degree=1)
 PRESETS = {config.name: config for config in (PRECISE, BALANCED, FAST)}
 """The configurations that `make tradeoff` recommends, in order of descending accuracy."""
 
+FPGA = TINY.with_(
+    name="fpga", cores_x=2, cores_y=2, sh_degree=1, depth=False, row_width=256, bank_memories=True, formats=SHORT_FORMATS)
+"""The machine of `make fpga`, which fits an FPGA of 84,000 lookup tables: the organisation of TINY with four pixel cores, whose
+banks are in memories, short formats, directions of degree 1, and no depth (docs/fpga.md)."""
+
 CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER, V3, *PRESETS.values())}
 
 MACHINES = CONFIGS | {config.name: config for config in (
-    TINY_V3, TINY_STREAMS, TINY_EYES, PAPER_BASE, PAPER_SMALL, V3_RECORDS, V3_PACKED, V3_STREAMS, V3_EYES, HEADSET)}
+    TINY_V3, TINY_STREAMS, TINY_EYES, FPGA, PAPER_BASE, PAPER_SMALL, V3_RECORDS, V3_PACKED, V3_STREAMS, V3_EYES, HEADSET)}
 """What command lines take as a machine's name: those above, small ones for tests, the paper's baseline, PAPER with a smaller
 front end, and the steps from PAPER to V3 and beyond."""

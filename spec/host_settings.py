@@ -55,7 +55,7 @@ def with_every_register(config: AcceleratorConfig) -> tuple[AcceleratorConfig, A
     one with lists by super-tile, which exclude stereo, and packed frames, and one with joint frames, which exclude packed ones.
     Registers that a later one has and no earlier one have the higher addresses."""
     chunked = config.with_(lockstep=False, streams=1, lists="tile", order="spatial", chunks=True, packed=False, joint=False)
-    supertiles = chunked.with_(stereo=False, records="compact", lists="supertile")
+    supertiles = chunked.with_(stereo=False, records="compact", lists="supertile", bank_memories=False)
     return chunked.with_(depth=True, stereo=True), supertiles.with_(packed=True), supertiles.with_(joint=True)
 
 
