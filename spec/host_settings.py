@@ -57,7 +57,7 @@ def with_every_register(config: AcceleratorConfig) -> tuple[AcceleratorConfig, A
     what the second one has already."""
     chunked = config.with_(lockstep=False, streams=1, lists="tile", order="spatial", chunks=True, packed=False, joint=False,
                            overlap=False)
-    supertiles = chunked.with_(stereo=False, records="compact", lists="supertile")
+    supertiles = chunked.with_(stereo=False, records="compact", lists="supertile", bank_memories=False)
     return chunked.with_(depth=True, stereo=True), supertiles.with_(packed=True, overlap=True), supertiles.with_(joint=True)
 
 

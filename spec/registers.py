@@ -278,10 +278,12 @@ def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
 
 
 def fingerprint(config: AcceleratorConfig) -> int:
-    """A hash of 32 bits that differs where machines differ in any parameter but their names and the lack of joint frames and of
-    overlapped phases."""
-    text = repr(config.with_(name="any")).replace("joint=False, ", "").replace("overlap=False, ", "").encode()
-    return int.from_bytes(hashlib.sha256(text).digest()[:4], "little")
+    """A hash of 32 bits that differs where machines differ in any parameter but their names. What a machine lacks that older ones
+    did not know leaves it as it was: joint frames, overlapped phases and banks in memories."""
+    text = repr(config.with_(name="any"))
+    for name in ("joint", "overlap", "bank_memories"):
+        text = text.replace(f"{name}=False, ", "")
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "little")
 
 
 def version_minor(config: AcceleratorConfig) -> int:
