@@ -145,8 +145,8 @@ module tb ({ports}
   string folder, path;
   initial if (!$value$plusargs("folder=%s", folder)) folder = ".";
 
-  // A run lasts from the rise of `active` until `quiet` cycles after the last expected item; `ends` is its last cycle. An output
-  // that gives as many items too many ends it, too: a unit that emits for ever would otherwise never end.
+  // A run lasts from the rise of `active` until `quiet` cycles after the last expected item; `ends` is its last cycle. An
+  // output that gives as many items too many ends it, too: a unit that emits for ever would otherwise never end.
   reg active_before = 0;
   wire begins = active & ~active_before;
   wire running = active & active_before & ~over;

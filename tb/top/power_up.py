@@ -1,7 +1,7 @@
 """Machines whose registers and memories begin with random bits, as those of a chip do.
 
-Verilog says what a register begins with, and simulators obey. A chip has only its reset. So initial values are removed here, and
-a frame that depends on one fails.
+Verilog says what a register begins with, and simulators obey. A chip has only its reset. So initial values are removed here,
+and a frame that depends on one fails.
 """
 
 from __future__ import annotations

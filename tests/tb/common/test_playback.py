@@ -68,7 +68,8 @@ def test_pauses_cost_cycles(recordings):
 
 
 @pytest.mark.parametrize(
-    ("name", "bits"), [("changes", 1), ("withdraws", 1), ("swallows", 2), ("doubles", 4), ("stops", 2 | 8), ("repeats for ever", 4)])
+    ("name", "bits"),
+    [("changes", 1), ("withdraws", 1), ("swallows", 2), ("doubles", 4), ("stops", 2 | 8), ("repeats for ever", 4)])
 def test_faults_are_caught(recordings, name, bits):
     assert set(recordings[name].errors) >= {text for bit, text in ERRORS.items() if bit & bits}
 
