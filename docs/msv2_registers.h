@@ -672,7 +672,7 @@
 /* visits of tiles in the array (only with super-tiles) (read) */
 #define MSV2_VISITS 0x560u
 
-/* of these by read client first (only with packed frames) (read) */
+/* of these by read client first (only with overlapped phases) (read) */
 #define MSV2_READ_BEATS_FIRST 0x564u
 
 /* Gaussians culled as outside only because their projected mean has a coordinate at its least or

@@ -16,6 +16,13 @@ memory, the addresses of their registers are empty. A memory client's number is 
 and is busy; from then on the host may write those of the next frame. The frame ends with `status.done`, or with `status.error`
 and a code. `start` is ignored while the machine is busy.
 
+**Two frames.** A machine whose phases overlap takes the next frame as soon as the first phase of the one before has ended and
+its second phase runs: `status.ready` says so. A frame that ends well sets `status.done` and counts in `frames`; frames end in
+the order in which they began. If a frame fails, or the host aborts, both end: `error.code` is that of the frame in its second
+phase and `error.first_code` that of the frame in its first, where there are such frames, and the one whose fault it is not has
+ABORTED. A start with a bad setting disturbs no other frame. The host gives frames two places in memory in turn, for all regions
+that the machine writes and for the tables of tiles, and reads the register `error` before the next start, which clears it.
+
 **Values.** A setting stands in the lowest bits of its register, in its own number format: two's complement where the format
 is signed fixed-point, the bit pattern where it is a small float. The bits above are ignored when written. When read, they
 repeat the sign of signed fixed-point numbers, so that an int32 comes back as it was written, and are 0 otherwise.
@@ -85,8 +92,8 @@ SUPERTILE_STAGES = watched(StagePhase.GEOMETRY, StagePhase.RENDERING, supertiles
 """The watched stages of machines with lists by super-tile, in the order of the data."""
 
 OVERLAP_READ_CLIENTS = ("first",)
-"""Additional read clients of machines with overlapped phases: `first` reads the table of tiles, and then the chunks' headers, for the
-first phase, beside which the second one has the clients `tiles` and `chunks` for itself."""
+"""Additional read clients of machines with overlapped phases: `first` reads the table of tiles, and then the chunks'
+headers, for the first phase, beside which the second one has the clients `tiles` and `chunks` for itself."""
 
 STEREO_STAGES = watched(StagePhase.SECOND_EYE)
 """Additional stages of machines with stereo; the input stream of `warp` are the rows that the warp unit takes."""

@@ -28,7 +28,8 @@ _SUPERTILE = {register.name: register for machine in (JOINT_MACHINE, SUPERTILE_M
 
 _ADDED = {
     register.name: f" (only with {what})"
-    for what, machine in (("joint frames", JOINT_MACHINE), ("packed frames", SUPERTILE_MACHINE),
+    for what, machine in (("joint frames", JOINT_MACHINE), ("overlapped phases", SUPERTILE_MACHINE),
+                          ("packed frames", SUPERTILE_MACHINE.with_(overlap=False)),
                           ("super-tiles", JOINT_MACHINE.with_(joint=False)),
                           ("chunks", PAPER.with_(order="spatial", chunks=True)), ("stereo", PAPER.with_(stereo=True)))
     for register in registers.register_map(machine)} | {

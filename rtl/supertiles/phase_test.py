@@ -6,13 +6,16 @@ from amaranth.hdl import Const, Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.supertiles.box_steps import BoxSteps
+from rtl.culling.shared_datapath import DatapathSide, SharedDatapath
+from rtl.culling.tile_columns import row_columns
+from rtl.supertiles.box_steps import BoxSteps, carried_step
 from rtl.supertiles.group_walk import GroupWalk
 from rtl.supertiles.level_table import axis_bits, group_bits, levels_layout
 from rtl.supertiles.mask_expand import MaskExpand
 from rtl.supertiles.pair_expand import PairExpand
 from rtl.supertiles.tile_test import SuperTileTest
 from spec.config import AcceleratorConfig
+from spec.constants import SUPER_Y
 
 
 def level_ports(config: AcceleratorConfig) -> dict[str, wiring.Member]:
@@ -21,12 +24,19 @@ def level_ports(config: AcceleratorConfig) -> dict[str, wiring.Member]:
             "levels": In(levels_layout())}
 
 
+def ellipse_shared(config: AcceleratorConfig) -> SharedDatapath:
+    """The datapath of the ellipse tests of both phases."""
+    return SharedDatapath(row_columns(config, SUPER_Y), interval=config.point_interval, carried=carried_step(config))
+
+
 class PhaseTileTest(SuperTileTest):
-    """`SuperTileTest` with the parts of one phase alone, which takes the levels of tiles from a table elsewhere.
+    """`SuperTileTest` with the parts of one phase alone. The levels of tiles are in a table elsewhere, and the datapath of the
+    ellipse test is shared with that of the other phase.
 
     Parameters:
         config: the machine, with overlapped phases.
         second: whether it serves the second phase.
+        side: its side of `ellipse_shared`.
 
     Ports:
         splats, width, height, obb, busy, clear: as in `SuperTileTest`.
@@ -36,9 +46,9 @@ class PhaseTileTest(SuperTileTest):
     Throughput and latency: those of `SuperTileTest`.
     """
 
-    def __init__(self, config: AcceleratorConfig, *, second: bool) -> None:
+    def __init__(self, config: AcceleratorConfig, *, second: bool, side: DatapathSide) -> None:
         self._second = second
-        super().__init__(config)
+        super().__init__(config, side)
         if not config.overlap:
             raise ValueError(f"overlap must be True, not {config.overlap!r}")
 
@@ -51,7 +61,7 @@ class PhaseTileTest(SuperTileTest):
     def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.steps = steps = BoxSteps(self.config)
-        m.submodules.ellipse = ellipse = self._ellipse
+        ellipse = self._ellipse
         m.submodules.walk = walk = GroupWalk(self.config)
         m.d.comb += [
             self.enable.eq(walk.enable), self.row.eq(walk.row), self.group.eq(walk.group), walk.levels.eq(self.levels),

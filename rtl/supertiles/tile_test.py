@@ -14,6 +14,7 @@ from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
 from rtl.culling.datapath import Datapath
+from rtl.culling.shared_datapath import DatapathSide
 from rtl.culling.tile_columns import row_columns
 from rtl.culling.tile_expand import kept_record
 from rtl.shapes import layout, shape
@@ -52,6 +53,7 @@ class SuperTileTest(wiring.Component):
 
     Parameters:
         config: the machine, with super-tiles; `point_interval`, `row_width` and formats matter here.
+        side: its side of the datapath of the ellipse test, where the unit shares it (`rtl.supertiles.phase_test`).
 
     Ports:
         splats: ProjectedSplat items. They are taken while the level table is full. The first phase ends with `end`, which does
@@ -88,12 +90,13 @@ class SuperTileTest(wiring.Component):
     cycles more to a pair, and one to a survivor. Storage: `SuperLevelTable`, a queue of splats, and that of PairExpand.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig, side: DatapathSide | None = None) -> None:
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         check_supertiles(config)
         self.config = config
-        self._ellipse = Datapath(row_columns(config, SUPER_Y), interval=config.point_interval, carried=carried_step(config))
+        self._ellipse = side or Datapath(
+            row_columns(config, SUPER_Y), interval=config.point_interval, carried=carried_step(config))
         super().__init__(self._members(config))
 
     def _members(self, config: AcceleratorConfig) -> dict[str, wiring.Member]:
@@ -116,7 +119,9 @@ class SuperTileTest(wiring.Component):
         m = Module()
         m.submodules.levels = levels = SuperLevelTable(self.config)
         m.submodules.steps = steps = BoxSteps(self.config)
-        m.submodules.ellipse = ellipse = self._ellipse
+        ellipse = self._ellipse
+        if isinstance(ellipse, Datapath):
+            m.submodules.ellipse = ellipse
         m.submodules.walk = walk = GroupWalk(self.config)
         m.submodules.expand = expand = PairExpand(self.config)
         m.submodules.masks = masks = MaskExpand(self.config)

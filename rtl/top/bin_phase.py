@@ -90,12 +90,13 @@ class BinPhase(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig):
+        ports = phase_ports(config, READERS, WRITERS, STAGES, _COUNTS)
         in_turn = {
             "hits": Out(stream.Signature(layout(intersection_tile(config)))), "rendering": In(1),
             "merged": In(stream.Signature(layout(tile_group(config)))), "list_count": Out(range(frame_lists(config) + 1))}
         overlapped = {"second_settings": In(layout(frame_settings(config))), "which": In(1), "saturated": Out(1)}
         super().__init__({
-            **phase_ports(config, READERS, WRITERS, STAGES, _COUNTS), "start_table": In(1), "table_done": Out(1),
+            **ports, "start_table": In(1), "table_done": Out(1),
             "full": Out(1), **(overlapped if config.overlap else in_turn),
             "gathered": In(stream.Signature(layout(gaussian_point(config)))),
             "supertiles": In(stream.Signature(layout(supertile(config)))),

@@ -37,9 +37,10 @@ def phases(config: AcceleratorConfig) -> tuple[type[FirstPhase], type[SecondPhas
 class Machine(wiring.Component):
     """The accelerator: an AXI4-Lite slave for commands, an AXI4 master to memory, and an interrupt.
 
-    A frame passes the phases of `FrameController`, or where the phases of two frames overlap those of `OverlapController`. Machines with lists by super-tile have other units in both phases:
-    `BinPhase`, `GatherPhase`. docs/machine.md describes what the host does, docs/registers.md the registers. Only `rst` resets
-    bus and registers; the other units are also reset after a failed frame.
+    A frame passes the phases of `FrameController`, or where the phases of two frames overlap those of `OverlapController`.
+    Machines with lists by super-tile have other units in both phases: `BinPhase`, `GatherPhase`. docs/machine.md describes
+    what the host does, docs/registers.md the registers. Only `rst` resets bus and registers; the other units are also reset
+    after a failed frame.
 
     Parameters:
         config: the machine.

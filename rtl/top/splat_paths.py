@@ -1,4 +1,4 @@
-"""Projection, clip and tile test in machines whose phases overlap: a way through them for each phase."""
+"""Projection, clip and tile test in machines whose phases overlap: a way through shared datapaths for each phase."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from rtl.culling.near import near_shared
+from rtl.culling.projection import projection_shared
 from rtl.culling.projection_unit import COUNTS as PROJECTED
 from rtl.culling.projection_unit import ProjectionUnit
 from rtl.culling.saturations import SaturationCounters
 from rtl.shapes import layout
 from rtl.supertiles.clip import SuperTileClip
 from rtl.supertiles.level_table import SuperLevelTable
-from rtl.supertiles.phase_test import PhaseTileTest
+from rtl.supertiles.phase_test import PhaseTileTest, ellipse_shared
 from rtl.top.splat_path import COUNTS, SATURATED, STAGES
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
@@ -26,13 +28,15 @@ class SplatPaths(wiring.Component):
     """What `SplatPath` does in turn, for both phases side by side::
 
         points ───► ProjectionUnit ─────────────────────► PhaseTileTest ─► binned        first phase
-                                                             ▲ levels
-        table ───────────────────────────► two SuperLevelTables
-                                                             ▼ levels
+                      ┆                                      ┆    ▲ levels
+        table ────────┆──────────────────────────────────────┆──► two SuperLevelTables
+                      ┆ near test, projection                ┆    ▼ levels
         gathered ─► ProjectionUnit ─► SuperTileClip ────► PhaseTileTest ─► tested        second phase
-                              supertiles ─▲
+                              supertiles ─▲                  ┆ ellipse test
 
-    The table of a frame is filled in its first phase and read in both.
+    Of the datapaths there is one of each kind, which both phases use side by side (`SharedDatapath`): in every other round of
+    its interval, a splat of the first phase goes first, and in the others one of the second. The table of a frame is filled in
+    its first phase and read in both.
 
     Parameters:
         config: the machine, with overlapped phases.
@@ -49,7 +53,8 @@ class SplatPaths(wiring.Component):
         culled_near, culled_faint, culled_outside, survivors, entries, filtered, saturated_means, saturated_depths,
         saturated_keys: counts of the first phase.
 
-    Throughput, latency and order: those of `SplatPath`, for each phase.
+    Throughput: that of `SplatPath` for both phases together, and at least half of it for each. Latency and order: those of
+    `SplatPath`.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -69,8 +74,11 @@ class SplatPaths(wiring.Component):
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        projections = [ProjectionUnit(self.config) for _ in range(2)]
-        tests = [PhaseTileTest(self.config, second=second) for second in (False, True)]
+        m.submodules.near = near = near_shared(self.config)
+        m.submodules.projection = projected = projection_shared(self.config)
+        m.submodules.ellipse = ellipse = ellipse_shared(self.config)
+        projections = [ProjectionUnit(self.config, sides) for sides in zip(near.sides, projected.sides, strict=True)]
+        tests = [PhaseTileTest(self.config, second=bool(place), side=side) for place, side in enumerate(ellipse.sides)]
         for name, projection, test in zip(("first", "second"), projections, tests, strict=True):
             m.submodules[f"{name}_projection"], m.submodules[f"{name}_test"] = projection, test
         m.submodules.clip = clip = SuperTileClip(self.config)
