@@ -6,7 +6,7 @@ eyes on small machines.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -67,24 +67,24 @@ COMBINATIONS = _combinations()
 VIEWS = (*EXACT, _TRAINED[0])
 
 
-def measure_frames_eyes(scene: str | None = None, machine: str | None = None) -> None:
-    """Writes reports/frames_eyes.json; with `scene` or `machine` only the frames of these are simulated, and the other rows
+def measure_frames_eyes(scene: str | None = None, machines: Collection[str] = ()) -> None:
+    """Writes reports/frames_eyes.json; with `scene` or `machines` only the frames of these are simulated, and the other rows
     stay."""
     path = REPORTS / "frames_eyes.json"
-    old = read_json(newest(path)) if (scene or machine) and newest(path).is_file() else None
+    old = read_json(newest(path)) if (scene or machines) and newest(path).is_file() else None
     kept = {_key(row): row for row in (*old["rows"], *old.get("combinations", ()))} if old else {}
     here = {view for view, _ in available(dict.fromkeys(view for view, *_ in WANTED))}
 
     def rows_of(wanted: Sequence[Frame]) -> list[dict[str, Any]]:
         rows: list[dict[str, Any]] = []
         for frame in (frame for frame in wanted if frame[0] in {*here, SMALL}):
-            if scene in (None, frame[0].scene) and machine in (None, frame[2]):
+            if scene in (None, frame[0].scene) and (not machines or frame[2] in machines):
                 row = frame_row(*frame, keys=KEYS)
                 made = row.pop("configuration")
                 rows.append(with_model(frame, {**row, "eyes": 1 + ("--stereo" in frame), "streams": made["streams"],
                                                "packs": made["packed"]}))
             else:
-                rows += [with_model(frame, row) for row in [kept.get(_asked(frame))] if row]
+                rows += [row if "model" in row else with_model(frame, row) for row in [kept.get(_asked(frame))] if row]
         return rows
 
     rows, small = rows_of(WANTED), rows_of(COMBINATIONS)

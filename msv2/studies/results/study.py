@@ -216,8 +216,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                         help="with --only synthesis, update only this row; may be given several times")
     parser.add_argument("--scene", choices=sorted({view.scene for view in (*EXACT, *EXACT_LARGE, *JOINT_VIEWS)}),
                         help="with --only frames, frames_v3, frames_streams or frames_eyes, update only the rows of this scene")
-    parser.add_argument("--machine", choices=sorted({frame[2] for frame in (*WANTED, *COMBINATIONS)}),
-                        help="with --only frames_eyes, update only the rows of this machine")
+    parser.add_argument("--machine", choices=sorted({frame[2] for frame in (*WANTED, *COMBINATIONS)}), action="append",
+                        help="with --only frames_eyes, update only the rows of this machine; may be given several times")
     parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where a page is stale")
     args = parser.parse_args(argv)
     if args.unit and args.only != "synthesis":
@@ -225,7 +225,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.scene and args.only not in OF_SCENES:
         raise InputError(f"--scene {args.scene} is of --only {', '.join(OF_SCENES)}, not of {args.only or 'everything'}")
     if args.machine and args.only != "frames_eyes":
-        raise InputError(f"--machine {args.machine} is of --only frames_eyes, not of {args.only or 'everything'}")
+        raise InputError(f"--machine {args.machine[0]} is of --only frames_eyes, not of {args.only or 'everything'}")
     if args.machine and not args.check:
         measure_frames_eyes(args.scene, args.machine)
     elif args.scene and not args.check:

@@ -121,13 +121,15 @@ JOINT_BROKEN = (
 """Of those that end early, some of each kind."""
 
 
-@pytest.mark.parametrize("variant", ["tiny_eyes", pytest.param("tiny_eyes_streams", marks=pytest.mark.long)])
+@pytest.mark.parametrize("variant", ["tiny_eyes", *(
+    pytest.param(name, marks=pytest.mark.long) for name in ("tiny_eyes_streams", "tiny_eyes_packed", "tiny_eyes_full"))])
 def test_joint_frames_in_short(variant, tmp_path):
     config = VARIANTS[variant]
     plan = short_plan(config, JOINT_IN_SHORT, JOINT_BROKEN)
     both = [item.joint for item in plan if item.joint is not None and item.error is ErrorCode.NONE]
     assert {eye.pairs for frame in both for eye in frame.eyes} == {None} and any(frame.registers.shift < 0 for frame in both)
     assert any(frame.registers.shared_colour for frame in both) and any(item.joint is None for item in plan)
+    assert any(item.joint and item.run.image.packed for item in plan) == config.packed
     outcome = run_plan(config, plan, tmp_path)
     assert outcome.failures == {} and outcome.runs == len(plan) > 40
 
