@@ -7,6 +7,7 @@
 // Exit status: 0 where the firmware is done, 1 where it failed, 2 where nothing ended within CYCLES cycles or the processor
 // met an instruction that it does not know, 98 for bad arguments.
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
@@ -79,7 +80,9 @@ int main(int argc, char **argv) {
     uint32_t waited = 0;
     uint64_t cycle = 0;
     top.memory_ready = 0;
-    for (; cycle < most && !top.trapped && top.status != kDone && !(top.status & kFailed); cycle++) {
+    uint64_t last = most;  // after the end the line still has two bytes to send
+    for (; cycle < last && !top.trapped; cycle++) {
+        if (last == most && (top.status == kDone || top.status & kFailed)) last = std::min(most, cycle + 24 * number(argv[4]));
         top.rst = cycle < 8;
         top.clk = 0;
         top.eval();

@@ -56,7 +56,7 @@ def build(folder: Path, part: str, device: flow.Device, seed: int) -> dict[str, 
         cells = flow.synthesise(steps, source)
         report |= {"cells": cells, **flow.counted(cells, device)}
     if part in ("all", "bitstream"):
-        report |= flow.placed_report(flow.place(steps, device, seed), flow.pack(steps), device)
+        report |= flow.placed_report(flow.place(steps, device, seed), flow.pack(steps))
     if part in ("all", "soc"):
         found = soc.simulate(steps, FPGA, source)
         report |= {"soc": found, "soc_bit_exact": found["bit_exact"]}

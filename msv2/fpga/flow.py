@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from golden.scenes.files import read_json
 from golden.scenes.request import write_json
@@ -152,7 +153,7 @@ def synthesise(steps: Steps, source: Path) -> dict[str, int]:
     return dict(json.loads(cells.read_text())["modules"][f"\\{TOP}"]["num_cells_by_type"])
 
 
-def place(steps: Steps, device: Device, seed: int) -> dict[str, object]:
+def place(steps: Steps, device: Device, seed: int) -> dict[str, Any]:
     """Places and routes the netlist, and returns nextpnr's own report. Raises InputError where it does not fit."""
     netlist, placed, report = (steps.folder / name for name in ("netlist.json", "placed.config", "nextpnr.json"))
     options = [*device.options, "--freq", CLOCK_MHZ, "--seed", seed, "--lpf-allow-unconstrained", "--timing-allow-fail",
@@ -173,16 +174,15 @@ def pack(steps: Steps) -> Path:
 
 def counted(cells: dict[str, int], device: Device) -> dict[str, object]:
     """What the netlist takes by kind, what the part has, and whether it is enough."""
-    used = FAMILIES["ecp5"].count({kind: number for kind, number in cells.items() if kind not in ("TRELLIS_IO",)})
+    used = FAMILIES["ecp5"].count(cells)
     taken = {"lut": used["lut"] + used["lut_ram"], "ff": used["ff"], "bram": used["bram"], "dsp": used["dsp"]}
     has = {kind: getattr(device, kind) for kind in taken}
     return {"used": taken, "of": has, "enough": all(taken[kind] <= has[kind] for kind in taken)}
 
 
-def placed_report(found: dict[str, object], bits: Path, device: Device) -> dict[str, object]:
+def placed_report(found: dict[str, Any], bits: Path) -> dict[str, object]:
     """What nextpnr found: the clock, what is used by kind of cell, and whether all of it has a place."""
-    clocks = found["fmax"]
-    used = found["utilization"]
+    clocks, used = found["fmax"], found["utilization"]
     return {
         "fits": all(kind["used"] <= kind["available"] for kind in used.values()),
         "fmax_mhz": round(min(clock["achieved"] for clock in clocks.values()), 2),
