@@ -336,9 +336,10 @@ PRESETS = {config.name: config for config in (PRECISE, BALANCED, FAST)}
 """The configurations that `make tradeoff` recommends, in order of descending accuracy."""
 
 FPGA = TINY.with_(
-    name="fpga", cores_x=2, cores_y=2, sh_degree=1, depth=False, row_width=256, bank_memories=True, formats=SHORT_FORMATS)
+    name="fpga", cores_x=2, cores_y=2, depth=False, row_width=256, sort_buffer_bytes=1024, merge_ways=2, bank_memories=True,
+    formats=SHORT_FORMATS)
 """The machine of `make fpga`, which fits an FPGA of 84,000 lookup tables: the organisation of TINY with four pixel cores, whose
-banks are in memories, short formats, directions of degree 1, and no depth (docs/fpga.md)."""
+banks are in memories, a smaller sorter, short formats, and no depth (docs/fpga.md)."""
 
 CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER, V3, *PRESETS.values())}
 

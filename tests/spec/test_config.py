@@ -11,6 +11,7 @@ from spec.config import (
     CONFIGS,
     DEFAULT,
     FAST,
+    FPGA,
     HEADSET,
     MACHINES,
     PAPER,
@@ -41,7 +42,7 @@ RANGES = {
     "warp_columns": (64, 8192), "list_heads": (2, 1 << 14), "header_lines": (4, 1 << 14), "batch_places": (16, 4096),
 }
 FLAGS = ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks", "buckets",
-         "lockstep", "packed", "joint", "overlap")
+         "lockstep", "packed", "joint", "overlap", "bank_memories")
 POWERS_OF_TWO = ("culling_units", "sort_buffer_bytes", "merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns",
                  "header_lines", "batch_places")
 
@@ -103,6 +104,12 @@ def test_stereo_needs_depth():
     assert PAPER_SMALL.with_(stereo=True).stereo
     with pytest.raises(ValueError, match=r"^depth must be True in a machine with stereo, not False$"):
         PAPER_SMALL.with_(stereo=True, depth=False)
+
+
+def test_banks_in_memories_need_lists_by_tile():
+    assert FPGA.bank_memories and not FPGA.supertiles
+    with pytest.raises(ValueError, match=r"^bank_memories must be False in a machine with lists by super-tile"):
+        V3.with_(bank_memories=True)
 
 
 def test_chunks_need_an_order_and_compact_records_need_chunks():

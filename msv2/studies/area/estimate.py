@@ -188,12 +188,20 @@ def _core_bits(config: AcceleratorConfig) -> float:
     return exponent + weights + sums + depth
 
 
+def _banks(config: AcceleratorConfig) -> float:
+    """The banks of a core in um^2: registers, or memories with a register behind each bit that is read."""
+    bits = _pixel_bits(config)
+    if not config.bank_memories:
+        return config.banks * bits * (FLOP_UM2 + MUX_UM2)
+    return config.level_banks * bits * FLOP_UM2 + make(Macro(config.blocks, config.level_banks * bits, 1, 1)).area_um2
+
+
 def _array(config: AcceleratorConfig) -> float:
     """Cores with their banks of sums, rows, and what does not depend on the array's size."""
     parts = _row("render.array")["parts"]
     core, row = parts["pixel_core"]["area"], parts["vrc_row"]["area"]
     held = BUILDS["1ghz"]
-    more = (config.banks * _pixel_bits(config) - held.banks * _pixel_bits(held)) * (FLOP_UM2 + MUX_UM2)
+    more = _banks(config) - _banks(held)
     cores, rows = config.cores_x * config.cores_y, config.streams * config.array_y
     rest = _row("render.array")["logic_um2"] - parts["pixel_core"]["count"] * core - parts["vrc_row"]["count"] * row
     around = sum(_row(f"render.array.{name}")["logic_um2"] for name in ("setup", "sequencer"))
