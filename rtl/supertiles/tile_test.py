@@ -232,7 +232,7 @@ class SuperTileTest(wiring.Component):
 
     def _part(self, m: Module, walk: GroupWalk, expand: PairExpand, masks: MaskExpand) -> None:
         """Sends groups to the part of the phase, and counts in the first."""
-        item, first = walk.groups.payload, Signal()
+        item, first = walk.groups.payload, Signal(name="$signal")  # it has no name in netlists
         m.d.comb += [
             expand.groups.payload.eq(item),
             masks.groups.payload.eq(item),
