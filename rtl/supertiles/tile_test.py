@@ -119,7 +119,7 @@ class SuperTileTest(wiring.Component):
         m = Module()
         m.submodules.levels = levels = SuperLevelTable(self.config)
         m.submodules.steps = steps = BoxSteps(self.config)
-        ellipse = self._ellipse
+        ellipse: Any = self._ellipse
         if isinstance(ellipse, Datapath):
             m.submodules.ellipse = ellipse
         m.submodules.walk = walk = GroupWalk(self.config)
