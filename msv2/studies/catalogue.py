@@ -136,6 +136,9 @@ STUDIES = (
           (Report("--keep", ("frames_streams.json",), 20, SCENES),), ("--only", "frames_streams")),
     Study("frames_eyes", "msv2.studies.results.study", "joint frames of both eyes on `v3_eyes`, through the RTL",
           (Report("--keep", ("frames_eyes.json",), 20, SCENES),), ("--only", "frames_eyes")),
+    Study("frames_overlap", "msv2.studies.overlap.rtl",
+          "frames in a row on `v3_overlap`, through the RTL and by the cycle model",
+          (Report("--keep", _files("frames_overlap", "json", "md"), 20, SCENES),)),
     Study("gallery", "msv2.studies.gallery.study", "a frame of a scene in every way of drawing it, and the README's pictures",
           (Report("--keep", ("docs/gallery.md", *(f"docs/images/{name}" for name in (
               "foveated.png", "renderers.png", "film.webp", "film.png", *(

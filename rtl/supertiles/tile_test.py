@@ -119,7 +119,7 @@ class SuperTileTest(wiring.Component):
         m = Module()
         m.submodules.levels = levels = SuperLevelTable(self.config)
         m.submodules.steps = steps = BoxSteps(self.config)
-        ellipse = self._ellipse
+        ellipse: Any = self._ellipse
         if isinstance(ellipse, Datapath):
             m.submodules.ellipse = ellipse
         m.submodules.walk = walk = GroupWalk(self.config)
@@ -232,7 +232,7 @@ class SuperTileTest(wiring.Component):
 
     def _part(self, m: Module, walk: GroupWalk, expand: PairExpand, masks: MaskExpand) -> None:
         """Sends groups to the part of the phase, and counts in the first."""
-        item, first = walk.groups.payload, Signal()
+        item, first = walk.groups.payload, Signal(name="$signal")  # it has no name in netlists
         m.d.comb += [
             expand.groups.payload.eq(item),
             masks.groups.payload.eq(item),

@@ -142,9 +142,14 @@ class GatherPhase(wiring.Component):
         m.submodules.writer = writer = FrameWriter(wide) if self.config.packed else PixelWriter(wide)
         for unit in dict.fromkeys((reader, sorter, fetch, colour, batches, array, writer)):
             connect_settings(m, self, unit)
+        m.d.comb += [
+            *([] if self.config.overlap else [
+                merge.beta.eq(self.settings.beta), merge.auto.eq(self.settings.auto_beta),
+                merge.tiles_x.eq(self.list_count), merge.tile_count.eq(self.list_count)]),
+            *(unit.clear.eq(self.clear) for unit in (reader, sorter, fetch, batches))]
         if not self.config.overlap:
-            self._merge(m, merge)
-        m.d.comb += [unit.clear.eq(self.clear) for unit in (reader, sorter, fetch, batches)]
+            wiring.connect(m, wiring.flipped(self.hits), merge.hits)
+            wiring.connect(m, merge.groups, wiring.flipped(self.merged))
         self._super_tiles(m, reader, batches)
         wiring.connect(m, reader.groups, sorter.groups)
         wiring.connect(m, sorter.sorted, buffer.sink)
@@ -173,21 +178,14 @@ class GatherPhase(wiring.Component):
         m.d.comb += [
             *stops, writer.begin.eq(self.start),
             self.sorted_item.eq(sorter.sorted.payload), self.sorted_taken.eq(sorter.sorted.valid & sorter.sorted.ready),
-            self.done.eq(writer.finished), self.overflow.eq(sorter.overflow)]
+            self.done.eq(writer.finished), self.overflow.eq(sorter.overflow),
+            *([] if self.config.overlap else [
+                self.saturated.eq(merge.saturated | merge.outside), self.ready.eq(~merge.busy)])]
         watch(m, self, (reader.data, sorter.groups, buffer.sink, fetch.sorted, colour.survivors, batches.places, entries,
                         writer.rows))
         if self.config.counters:
             self._count(m, sorter, fetch, colour, batches, array, writer)
         return m
-
-    def _merge(self, m: Module, merge: TileMergeUnit) -> None:
-        """Connects the tile merge unit."""
-        m.d.comb += [
-            merge.beta.eq(self.settings.beta), merge.auto.eq(self.settings.auto_beta),
-            merge.tiles_x.eq(self.list_count), merge.tile_count.eq(self.list_count),
-            self.saturated.eq(merge.saturated | merge.outside), self.ready.eq(~merge.busy)]
-        wiring.connect(m, wiring.flipped(self.hits), merge.hits)
-        wiring.connect(m, merge.groups, wiring.flipped(self.merged))
 
     def _arrays(self, m: Module) -> tuple[Any, Any]:
         """Adds the batch buffer and the array, which is one unit with several streams."""
@@ -211,7 +209,6 @@ class GatherPhase(wiring.Component):
         if not self.config.overlap:
             with m.If(self.hits.valid & self.hits.ready & self.hits.payload.end):
                 m.d.sync += counted.eq(1)
-            m.d.comb += self.counted.eq(counted)
         with m.If(self.start):
             m.d.sync += open_.eq(1)
         with m.If(self.clear):
@@ -219,6 +216,7 @@ class GatherPhase(wiring.Component):
         m.submodules.lists = lists = SyncFIFOBuffered(width=self.listed.payload.shape().size, depth=LISTS_AHEAD)
         listed, ahead = data.View(self.listed.payload.shape(), lists.r_data), broadcast.sources[1]
         m.d.comb += [
+            *([] if self.config.overlap else [self.counted.eq(counted)]),
             fork.sink.payload.eq(self.listed.payload), fork.sink.valid.eq(self.listed.valid & open_),
             self.listed.ready.eq(fork.sink.ready & open_),
             lists.w_data.eq(fork.sources[0].payload), lists.w_en.eq(fork.sources[0].valid),

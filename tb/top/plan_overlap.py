@@ -33,10 +33,10 @@ _SHOWN = 5
 
 
 def turned(camera: Camera, degrees: float) -> Camera:
-    """A camera that has turned about its vertical axis."""
+    """A camera that has turned about its own vertical axis."""
     angle = np.deg2rad(degrees)
     turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
-    return replace(camera, rotation=turn @ camera.rotation)
+    return replace(camera, rotation=turn @ camera.rotation, translation=turn @ camera.translation)
 
 
 def turning(

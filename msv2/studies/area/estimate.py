@@ -120,8 +120,10 @@ def estimate_area(config: AcceleratorConfig) -> AreaEstimate:
     base, here, there = _of_build(name), _memories(config), _memories(build)
     chunks = _chunk_units() if config.chunks and not config.supertiles else {}
     packer = {LISTS: _synthesised_um2("frame_packer") * _TO_16NM} if config.packed else {}
+    second = _second_frame() if config.overlap else {}
     groups = {
-        group: GroupArea(base[group].logic_um2 * _logic(group, config, build) + chunks.get(group, 0.0) + packer.get(group, 0.0),
+        group: GroupArea(base[group].logic_um2 * _logic(group, config, build) + chunks.get(group, 0.0) + packer.get(group, 0.0)
+                         + second.get(group, 0.0),
                          max(0.0, base[group].memory_um2 + here.get(group, 0.0) - there.get(group, 0.0)))
         for group in base}
     return AreaEstimate(groups, ESTIMATE, name)
@@ -161,6 +163,15 @@ def _chunk_units() -> dict[str, float]:
     units = {row["unit"]: row["logic_um2_16nm"] for row in _report("area")["builds"][SUPERTILE_LISTS]["units"]}
     return {CULLING: sum(units[unit] for unit in _TESTING),
             LISTS: sum(units[unit] for unit in _READING) - _row("geometry.reader")["logic_um2_16nm"]}
+
+
+def _second_frame() -> dict[str, float]:
+    """Logic that the second frame in flight adds to a group where phases overlap, in um^2 at 16 nm, at most: that of the units
+    of which there are two then, in the build `v3`. The tile test counts whole, although both phases share its datapath, and the
+    register file for the second copy of settings and first-phase counts."""
+    units = {row["unit"]: row["logic_um2_16nm"] for row in _report("area")["builds"][SUPERTILE_LISTS]["units"]}
+    return {CONTROL: units["registers"], CULLING: units["geometry.path.tile_test"], LISTS: units["geometry.buckets"],
+            SORTING: units["render.tile_merge"]}
 
 
 def _synthesised_um2(unit: str) -> float:
