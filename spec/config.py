@@ -196,7 +196,7 @@ class AcceleratorConfig:
         if self.joint and self.overlap:
             raise ValueError("joint must be False in a machine with overlapped phases: it renders one eye")
         if self.bank_memories and self.supertiles:
-            raise ValueError("bank_memories must be False in a machine with lists by super-tile: their pixels are loaded in turn")
+            raise ValueError("bank_memories must be False in a machine with lists by super-tile")
         if self.stereo and not self.depth:
             raise ValueError(f"depth must be True in a machine with stereo, not {self.depth!r}")
         sigma = self.support_sigma

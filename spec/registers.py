@@ -285,8 +285,8 @@ def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
 
 
 def fingerprint(config: AcceleratorConfig) -> int:
-    """A hash of 32 bits that differs where machines differ in any parameter but their names. What a machine lacks that older ones
-    did not know leaves it as it was: joint frames, overlapped phases and banks in memories."""
+    """A hash of 32 bits that differs where machines differ in any parameter but their names. The lack of what older machines
+    did not know, joint frames, overlapped phases and banks in memories, leaves it as it was."""
     text = repr(config.with_(name="any"))
     for name in ("joint", "overlap", "bank_memories"):
         text = text.replace(f"{name}=False, ", "")

@@ -1,7 +1,7 @@
 """`msv2 fpga`: the machine with a RISC-V core as a bitstream for an ECP5, and the same system in simulation.
 
-The steps are: compile the firmware, synthesise, place and route, write the bitstream, simulate. Each is kept, and a run that was
-interrupted goes on where it was. report.json says what was found. Exit status 1 where the machine does not fit, misses its
+The steps are: compile the firmware, synthesise, place and route, write the bitstream, simulate. Each is kept, and a run that
+was interrupted goes on where it was. report.json says what was found. Exit status 1 where the machine does not fit, misses its
 clock, or renders a wrong pixel.
 """
 
@@ -65,10 +65,11 @@ def build(folder: Path, part: str, device: flow.Device, seed: int) -> dict[str, 
 
 def wrong(report: dict[str, object]) -> list[str]:
     """What a report says against the machine; empty where all is well."""
-    return [text for name, least, text in (
+    rules = (
         ("enough", True, "the netlist takes more than the part has"), ("fits", True, "the machine does not fit the part"),
         ("fmax_mhz", flow.CLOCK_MHZ, f"the clock is below {flow.CLOCK_MHZ} MHz"),
-        ("soc_bit_exact", True, "the system's frame differs from the golden renderer's")) if name in report and report[name] < least]
+        ("soc_bit_exact", True, "the system's frame differs from the golden renderer's"))
+    return [text for name, least, text in rules if name in report and report[name] < least]
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -74,7 +74,9 @@ class Steps:
     def __init__(self, folder: Path, *, keep: bool = True):
         self.folder, self._keep, self.seconds = folder, keep, {}
 
-    def __call__(self, name: str, what: str, made_of: Sequence[object], results: Sequence[Path], do: Callable[[], None]) -> bool:
+    def __call__(
+        self, name: str, what: str, made_of: Sequence[object], results: Sequence[Path], do: Callable[[], None],
+    ) -> bool:
         """Does a step unless its results are there and were made of the same. Returns whether it was done now.
 
         Args:
@@ -141,7 +143,8 @@ def synthesise(steps: Steps, source: Path) -> dict[str, int]:
     processor, netlist, cells = tools.processor_verilog(), steps.folder / "netlist.json", steps.folder / "cells.json"
     family = f"synth_ecp5 -top {TOP} -json {netlist}"
     script = [
-        *COMMANDS, f"{family} -run begin:map_ram", f"setattr -set ram_style \"block\" t:$mem_v2 r:RD_CLK_ENABLE=1'1 %i r:SIZE>{SHALLOW} %i",
+        *COMMANDS, f"{family} -run begin:map_ram",
+        f"setattr -set ram_style \"block\" t:$mem_v2 r:RD_CLK_ENABLE=1'1 %i r:SIZE>{SHALLOW} %i",
         f"{family} -run map_ram:", f"tee -q -o {cells} stat -top {TOP} -json"]
 
     def map_() -> None:

@@ -244,7 +244,7 @@ def test_formats_that_do_not_fit_are_rejected(field_name: str, value: object, me
 
 
 def test_memories_show_the_blocks_of_their_ops_alone() -> None:
-    """`stopped` of banks in memories looks at all blocks: it rises with the last block, and falls with the next tile's first."""
+    """`stopped` of banks in memories looks at all blocks: it rises with the last one and falls with the next tile."""
     config, opaque = PLAIN.with_(bank_memories=True), level_exponent(0)
     blocks = [Op(e=(opaque, opaque), cut=CUT_MIN, first=1, bank=config.level_banks * block) for block in range(config.blocks)]
     again = Op(e=(level_exponent(-9000),) * 2, cut=CUT_MIN, first=1)
