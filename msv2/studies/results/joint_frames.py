@@ -30,7 +30,7 @@ from perf.model import MemoryModel
 from perf.phases import LastingMemory
 from perf.supertiles import clear_cycles, simulate_supertiles
 from perf.supertiles_trace import super_trace
-from spec.config import TINY_EYES, TINY_STREAMS, V3_EYES, V3_EYES_STREAMS, AcceleratorConfig
+from spec.config import MACHINES, TINY_EYES, TINY_STREAMS, V3_EYES, V3_EYES_STREAMS, AcceleratorConfig
 from spec.paths import REPORTS
 
 KEYS = (*FRAME_KEYS, "memory", "idle_cycles", "configuration")
@@ -47,10 +47,11 @@ def _two(view: View, config: AcceleratorConfig, pixels: str, *options: str) -> F
 
 
 def _combinations() -> tuple[Frame, ...]:
-    """Streams, packed frames and eyes in all ways, on two machines."""
+    """Streams, packed frames and eyes in all ways, on two machines. Frames of one eye ask for depths, as those of two do, so
+    that a machine has the same numbers in all of them."""
     machines = ((TINY_EYES.name, "--set", "packed=true"), (TINY_STREAMS.name, "--set", "packed=true", "--set", "joint=true"))
     return tuple((SMALL, "--config", *machine, "--pixels", pixels, *eyes)
-                 for machine in machines for pixels in ("display", "packed") for eyes in ((), ("--stereo",)))
+                 for machine in machines for pixels in ("display", "packed") for eyes in (("--depth",), ("--stereo",)))
 
 
 _TRAINED = (View(TRAINED, "128x128"), V3_EYES_STREAMS, "packed", "--gaze", "64,64", "--levels", "4")
@@ -81,8 +82,8 @@ def measure_frames_eyes(scene: str | None = None, machines: Collection[str] = ()
             if scene in (None, frame[0].scene) and (not machines or frame[2] in machines):
                 row = frame_row(*frame, keys=KEYS)
                 made = row.pop("configuration")
-                rows.append(with_model(frame, {**row, "eyes": 1 + ("--stereo" in frame), "streams": made["streams"],
-                                               "packs": made["packed"]}))
+                rows.append(with_model(frame, {**row, "config": frame[2], "eyes": 1 + ("--stereo" in frame),
+                                               "streams": made["streams"], "packs": made["packed"]}))
             else:
                 rows += [row if "model" in row else with_model(frame, row) for row in [kept.get(_asked(frame))] if row]
         return rows
@@ -121,7 +122,7 @@ def _parsed(frame: Frame) -> Any:
 
 def with_model(frame: Frame, row: Mapping[str, Any]) -> dict[str, Any]:
     """A frame's row with the cycles of the model, and its error in the total."""
-    config = config_of(row)
+    config = config_of(frame)
     asked = resolve(_parsed(frame))
     how = {"config": config, "foveation": asked.foveation, "background": asked.background}
     if row.get("eyes", 2) == 2:
@@ -139,10 +140,9 @@ def with_model(frame: Frame, row: Mapping[str, Any]) -> dict[str, Any]:
     return {**row, "model": {**{f"{name}_cycles": n for name, n in cycles.items()}, "error": round(same - 1, 6)}}
 
 
-def config_of(row: Mapping[str, Any]) -> AcceleratorConfig:
-    """The machine of a row."""
-    config = next(c for c in (V3_EYES, V3_EYES_STREAMS, TINY_EYES, TINY_STREAMS) if c.name == row["config"])
-    return config.with_(joint=True, packed=row.get("packs", config.packed))
+def config_of(frame: Frame) -> AcceleratorConfig:
+    """The machine of a frame."""
+    return MACHINES[frame[2]].with_(**{word.partition("=")[0]: True for word in frame if isinstance(word, str) and "=" in word})
 
 
 def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, object]:
