@@ -11,14 +11,15 @@ import pytest
 
 from msv2.document import registers as document_registers
 from msv2.document.__main__ import check
-from spec import host_settings, registers
+from spec import host_settings, register_fields, registers
 from spec.codes import ErrorCode, Phase
 from spec.config import CONFIGS, DEFAULT, MACHINES, PAPER, TINY, TINY_V3, V3, V3_EYES, V3_OVERLAP, V3_PACKED, V3_RECORDS
 from spec.errors import InputError
 from spec.formats import SQ
 from spec.memory import frame_settings
 from spec.paths import ROOT
-from spec.registers import COUNTERS_BASE, EVENTS, SETTINGS_BASE, STAGES, Access
+from spec.register_fields import Access
+from spec.registers import COUNTERS_BASE, EVENTS, SETTINGS_BASE, STAGES
 from spec.saturations import SATURATIONS
 
 STEREO = PAPER.with_(name="stereo", stereo=True)
@@ -214,7 +215,7 @@ def test_limits_of_floats_are_those_of_their_numbers():
 def test_identity_tells_machines_apart():
     for config in CONFIGS.values():
         values = registers.identity(config)
-        assert set(values) == {r.name for r in MAPS[config.name] if r.offset < registers.CONTROL_BASE}
+        assert set(values) == {r.name for r in MAPS[config.name] if r.offset < register_fields.CONTROL_BASE}
         assert all(0 <= value < 1 << 32 for value in values.values())
     assert registers.identity(TINY)["machine_array"] == 4 | 4 << 8 | 4 << 16 | 7 << 20 | 3 << 24 | 1 << 26
     compact, wide = registers.identity(V3_RECORDS), registers.identity(PAPER.with_(order="spatial", chunks=True))
