@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from amaranth.hdl import Const, Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from rtl.culling.frame import connect_settings
 from rtl.culling.shared_datapath import DatapathSide, SharedDatapath
 from rtl.culling.tile_columns import row_columns
 from rtl.supertiles.box_steps import BoxSteps, carried_step
@@ -62,11 +63,11 @@ class PhaseTileTest(SuperTileTest):
     def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.steps = steps = BoxSteps(self.config)
+        ellipse: Any = self._ellipse
         m.submodules.walk = walk = GroupWalk(self.config)
         m.d.comb += [
             self.enable.eq(walk.enable), self.row.eq(walk.row), self.group.eq(walk.group), walk.levels.eq(self.levels),
-            walk.obb.eq(self.obb)]
-        connect_settings(m, self, self._ellipse)
+            walk.obb.eq(self.obb), ellipse.width.eq(self.width), ellipse.height.eq(self.height)]
         self._test(m, steps, walk)
         if self._second:
             m.submodules.masks = masks = MaskExpand(self.config)
