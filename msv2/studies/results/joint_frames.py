@@ -116,7 +116,7 @@ def _parsed(frame: Frame) -> Any:
     view, *options = frame
     run = ("--config", "--set", "--pixels", "--memory")
     kept = [word for n, word in enumerate(options)
-            if word != "--stereo" and word not in run and not (n and options[n - 1] in run)]
+            if word not in ("--stereo", "--depth", *run) and not (n and options[n - 1] in run)]
     return parse_request(scene_argument(view.scene), "--camera", ORBIT, *view.arguments, *kept)
 
 
