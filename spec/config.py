@@ -1,12 +1,12 @@
 """AcceleratorConfig: the one parameter object from which the golden renderer, the RTL and the reports are made.
 
-V3 is our machine: the resources of the paper, a model in spatial order, read in chunks of compact records, and lists by super-
-tile (`spec.supertiles`). It renders one eye. DEFAULT is V3 with fewer front-end units and a narrower row, HEADSET V3 with a
-wider one. V3_PACKED packs its frames (`spec.packed`), V3_STREAMS has four arrays, and V3_EYES renders two eyes from one set of
-lists (`spec.joint`). PAPER reproduces the machine of the paper (section 7, "Hardware Implementation"), whose lists belong to
-tiles; it and variants of it warp the second eye. TINY, TINY_V3, TINY_STREAMS and TINY_EYES are for fast simulation, FPGA is
-for an FPGA. PRECISE, BALANCED and FAST are V3 with the word lengths and SH degrees that lost at most 0.01, 0.1 and 0.5 dB of
-PSNR on PAPER (docs/tradeoff.md).
+V3 is our machine: the resources of the paper, a model in spatial order, read in chunks of compact records, and lists by
+super-tile (`spec.supertiles`). It renders one eye. DEFAULT is V3 with fewer front-end units and a narrower row, HEADSET V3
+with a wider one. V3_PACKED packs its frames (`spec.packed`), V3_STREAMS has four arrays, and V3_EYES renders two eyes from one
+set of lists (`spec.joint`). PAPER reproduces the machine of the paper (section 7, "Hardware Implementation"), whose lists
+belong to tiles; it and variants of it warp the second eye. TINY, TINY_V3, TINY_STREAMS and TINY_EYES are for fast simulation,
+FPGA is for an FPGA. PRECISE, BALANCED and FAST are V3 with the word lengths and SH degrees that lost at most 0.01, 0.1 and 0.5
+dB of PSNR on PAPER (docs/tradeoff.md).
 """
 
 from __future__ import annotations

@@ -271,8 +271,7 @@ def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
 
 
 def fingerprint(config: AcceleratorConfig) -> int:
-    """A hash of 32 bits that differs where machines differ in any parameter but their names. The lack of what older machines
-    did not know, joint frames and banks in memories, leaves it as it was."""
+    """A hash of 32 bits that differs where machines differ in any parameter but their names and the lack of newer features."""
     text = repr(config.with_(name="any")).replace("joint=False, ", "").replace("bank_memories=False, ", "").encode()
     return int.from_bytes(hashlib.sha256(text).digest()[:4], "little")
 
