@@ -79,8 +79,8 @@ synth: tested ## synthesis; UNIT=|CONFIG= SET="NAME=VALUE ..." STEREO=1 TECH=gen
 mappable:
 	@$(PYTHON) msv2/cli/setup_environment.py --extras fpga
 
-fpga: mappable ## the machine and a RISC-V core as a bitstream for an ECP5, and in simulation; PART=all|synthesis|bitstream|soc DEVICE=um5g-85k|85k SEED=N OUT= KEEP=1
-	@$(MSV2) fpga $(call option,PART,part) $(call option,DEVICE,device) $(call option,SEED,seed) $(call option,OUT,out) $(call switch,KEEP,keep)
+fpga: mappable ## the machine and a RISC-V core as a bitstream for an ECP5, and in simulation; PART=all|synthesis|bitstream|soc DEVICE=um5g-85k|85k SEED=N OUT=
+	@$(MSV2) fpga $(call option,PART,part) $(call option,DEVICE,device) $(call option,SEED,seed) $(call option,OUT,out)
 
 verilog: base ## the machine or one unit as Verilog for your own design; CONFIG= SET="NAME=VALUE ..." STEREO=1 UNIT= OUT= PREFIX=
 	@$(MSV2) verilog $(config) $(call switch,STEREO,stereo) $(call option,UNIT,unit) $(call option,OUT,out) $(call option,PREFIX,prefix)
