@@ -265,7 +265,7 @@ class Bench:
         moves = Signal(name=f"{label}_moves")
         ready = Const(1, 1) if name in self.taken else self.any(1, f"{label}_ready")
         if answered_by is not None:
-            answers = dict((n, p) for n, p, _ in streams(self.unit))[answered_by]
+            answers = {other: end for other, end, _ in streams(self.unit)}[answered_by]
             open_ = Signal(range(MOST_ASKED + 2), name=f"{label}_open")
             self.m.d.sync += open_.eq(open_ + moves - (answers.valid & answers.ready))
             ready = ready & (open_ < MOST_ASKED)

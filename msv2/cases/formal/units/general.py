@@ -5,7 +5,7 @@ The machines are small, so that memories are few words deep; numbers have the wi
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from amaranth.lib import wiring
@@ -14,14 +14,11 @@ from msv2.cases.formal.bench import Bench
 from msv2.cases.formal.contract import general
 from msv2.cases.formal.proof import SMALL, SMALL_SUPER, Proof
 from rtl.chunks.chunk_reader import ChunkReader
-from rtl.chunks.chunk_test import ChunkTest
 from rtl.chunks.geometry_decode import GeometryDecode
 from rtl.chunks.header_reader import ChunkHeaderReader
 from rtl.culling.colour import ColourUnit
 from rtl.culling.eyes import EyeCulls, EyePoints
 from rtl.culling.near import NearTest
-from rtl.culling.projection import Projection
-from rtl.culling.projection_unit import ProjectionUnit
 from rtl.culling.tile_expand import TileExpand
 from rtl.culling.tile_runs import TileRuns
 from rtl.culling.tile_test import TileTest
@@ -58,8 +55,6 @@ from rtl.tile_lists.list_reader import ListReader
 from rtl.tile_lists.page_walk import ListedTiles, PageWalk
 from rtl.tile_lists.table_loader import TableLoader
 from rtl.tile_lists.tile_settings import TileSettings
-from rtl.vrc_array.array import VrcArray
-from rtl.vrc_array.batch_array import BatchArray
 from rtl.vrc_array.batch_collect import BatchCollect
 from rtl.vrc_array.batch_setup import BatchSetup
 from rtl.vrc_array.collect import Collect
@@ -80,18 +75,17 @@ PACKED = SMALL_SUPER.with_(packed=True)
 
 
 def _of(unit: Callable[..., wiring.Component], config: AcceleratorConfig = SMALL, *claims: Callable[[Bench], object],
-        seconds: float = 8.0, at: str = "", arguments: tuple[Any, ...] = (), **world: Any) -> Proof:
+        seconds: float = 8.0, at: str = "", options: Mapping[str, Any] | None = None, **world: Any) -> Proof:
     """The general claims of a unit of a machine."""
-    return Proof(unit, lambda: unit(config, *arguments), (general, *claims), at, world, seconds)
+    return Proof(unit, lambda: unit(config, **(options or {})), (general, *claims), at, world, seconds)
 
 
 PROOFS = (
     _of(ChunkReader, SMALL_SUPER),
-    _of(ChunkTest, SMALL_SUPER),
     _of(GeometryDecode, SMALL_SUPER),
     _of(ChunkHeaderReader, SMALL, at="in the model's order"),
     _of(ChunkHeaderReader, SMALL_SUPER, at="by super-tiles"),
-    _of(BeatRun, SMALL, arguments=(8,)),
+    _of(BeatRun, SMALL, options={"count_bits": 8}),
     _of(GeometryReader),
     _of(TableLoader),
     _of(TileSettings, free=("last",)),
@@ -101,8 +95,6 @@ PROOFS = (
     _of(PageWalk),
     _of(HeaderMaker),
     _of(NearTest),
-    _of(Projection),
-    _of(ProjectionUnit),
     _of(EyePoints, EYES),
     _of(EyeCulls, EYES, free=("rendering",)),
     _of(TileTest),
@@ -110,7 +102,7 @@ PROOFS = (
     _of(TileExpand),
     _of(ColourUnit),
     _of(PairColour, SMALL_SUPER),
-    _of(SplatFetch),
+    _of(SplatFetch, options={"pending": 8}, at="8 splats on their way"),
     _of(SplatTags),
     _of(SuperTileClip, SMALL_SUPER, free=("rendering",)),
     _of(SuperTileTest, SMALL_SUPER, free=("rendering",)),
@@ -133,8 +125,6 @@ PROOFS = (
     _of(BatchSetup, SMALL_SUPER, free=("stopped",)),
     _of(Collect, SMALL, free=("draining",)),
     _of(BatchCollect, SMALL_SUPER, free=("draining", "storing", "place")),
-    _of(VrcArray, SMALL),
-    _of(BatchArray, SMALL_SUPER),
     _of(PixelWriter),
     _of(BlockRows),
     _of(BlockDifferences),
