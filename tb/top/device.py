@@ -9,6 +9,8 @@ from functools import cache
 from rtl.units import TOP as MODULE
 from spec.config import AcceleratorConfig
 from tb.common.emission import emitted
+from tb.common.power_up import arguments as power_up_arguments
+from tb.common.power_up import without_initial_values
 from tb.common.runner import Design
 from tb.top.memory import SOURCES
 
@@ -45,11 +47,13 @@ class Machine:
         name: the name of the build folder.
         verilog: the Verilog text, which contains the module MODULE.
         apart: modules that Verilator does not inline (see `runner.Design`).
+        seed: of the random values with which registers begin, 1 or more; 0: with those that the Verilog gives them.
     """
 
     name: str
     verilog: str
     apart: tuple[str, ...] = ()
+    seed: int = 0
 
     @property
     def ports(self) -> dict[str, tuple[str, int]]:
@@ -75,8 +79,14 @@ class Machine:
             wires="\n".join(f"  wire [{ports[name][1] - 1}:0] {name};" for name in bus),
             machine="".join(f",\n    .{name}({name})" for name in (*host, *bus)),
             memory="".join(f",\n    .{inner}({name})" for inner, name in slave))
-        sources = (("dut.v", self.verilog), *SOURCES, ("tb.sv", text))
-        return Design(self.name, "tb", sources, ("clk", "rst", *driven), self.apart)
+        verilog = without_initial_values(self.verilog) if self.seed else self.verilog
+        sources = (("dut.v", verilog), *SOURCES, ("tb.sv", text))
+        return Design(self.name, "tb", sources, ("clk", "rst", *driven), self.apart, bool(self.seed))
+
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """Arguments of a simulation of `design`, besides those of the memory."""
+        return power_up_arguments(self.seed) if self.seed else ()
 
     def bare_design(self) -> Design:
         """The machine without the memory; Python can access every port."""

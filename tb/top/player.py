@@ -158,7 +158,7 @@ def play_frames(
     beats = memory_beats(max(run.image.beats for run in runs))
     simulate(
         machine.design(), "tb.top.frames", folder, waves=waves, env={"PLAYER_FOLDER": str(folder)},
-        plusargs=plusargs(folder, beats))
+        plusargs=[*plusargs(folder, beats), *machine.arguments])
     return collect(registers, runs, folder)
 
 

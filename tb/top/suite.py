@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -160,11 +161,15 @@ def _machine(config: AcceleratorConfig) -> Machine:
 
 def run_plan(
     config: AcceleratorConfig, plan: Sequence[PlannedFrame], folder: Path, *, waves: Waves | None = None,
-    progress: bool = False,
+    progress: bool = False, seed: int = 0,
 ) -> Outcome:
-    """Plays a plan and compares all results. Raises SimulationError when the simulation itself fails."""
+    """Plays a plan and compares all results. With a `seed`, registers begin with random values of it (`device.Machine`).
+
+    Raises SimulationError when the simulation itself fails.
+    """
     begin, outcome = time.perf_counter(), Outcome()
-    results = play_frames(_machine(config), [item.run for item in plan], folder, waves=waves, progress=progress)
+    machine = replace(_machine(config), seed=seed)
+    results = play_frames(machine, [item.run for item in plan], folder, waves=waves, progress=progress)
     for item, result in zip(plan, results, strict=True):
         outcome.runs += 1
         outcome.cycles += result.cycles
