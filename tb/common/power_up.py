@@ -8,13 +8,15 @@ from __future__ import annotations
 import re
 
 _REGISTER = re.compile(r"(?m)^(\s*(?:output\s+)?reg\b[^=;\n]*?)\s*=\s*[^;\n]+;")
+"""A blank stays before the semicolon, which would otherwise belong to a name with a backslash."""
+
 _INITIAL = re.compile(r"(?m)^  initial begin\n(?P<body>(?:    .*\n)*?)  end\n")
 _WORD = re.compile(r"^\s*(\S+?)\s*\[")
 
 
 def without_initial_values(verilog: str) -> str:
-    """Verilog, as Yosys writes it, without initial values of registers, nor of memories that are written. Memories that are only
-    read are tables and keep their contents."""
+    """Verilog, as Yosys writes it, without initial values of registers, nor of memories that are written. Memories that are
+    only read are tables and keep their contents."""
     modules = re.split(r"(?m)^(?=module )", verilog)
     return "".join(_forget(module) for module in modules)
 
@@ -25,7 +27,7 @@ def _forget(module: str) -> str:
         written = name is None or re.search(rf"(?m)^\s*(?:if .*\n?\s*)?{re.escape(name[1])}\s*\[.*<=", module)
         return "" if written else block[0]
 
-    return _INITIAL.sub(kept, _REGISTER.sub(r"\1;", module))
+    return _INITIAL.sub(kept, _REGISTER.sub(r"\1 ;", module))
 
 
 def arguments(seed: int) -> tuple[str, ...]:
