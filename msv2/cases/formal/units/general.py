@@ -12,7 +12,7 @@ from amaranth.hdl import Mux
 from amaranth.lib import wiring
 
 from msv2.cases.formal.bench import Bench
-from msv2.cases.formal.contract import general, once
+from msv2.cases.formal.contract import general, holds, once, silent
 from msv2.cases.formal.proof import SMALL, SMALL_SUPER, Proof
 from rtl.chunks.chunk_reader import ChunkReader
 from rtl.chunks.geometry_decode import GeometryDecode
@@ -94,13 +94,15 @@ def batch(bench: Bench) -> None:
 
 
 def _of(unit: Callable[..., wiring.Component], config: AcceleratorConfig = SMALL, *claims: Callable[[Bench], object],
-        seconds: float = 8.0, at: str = "", options: Mapping[str, Any] | None = None, **world: Any) -> Proof:
-    """The general claims of a unit of a machine."""
-    return Proof(unit, lambda: unit(config, **(options or {})), (general, *claims), at, world, seconds)
+        seconds: float = 8.0, at: str = "", options: Mapping[str, Any] | None = None, busily: bool = True,
+        **world: Any) -> Proof:
+    """The general claims of a unit of a machine; not `busily` where `busy` does not speak of items inside."""
+    first = (general,) if busily else (holds, silent)
+    return Proof(unit, lambda: unit(config, **(options or {})), (*first, *claims), at, world, seconds)
 
 
 PROOFS = (
-    _of(ChunkReader, SMALL_SUPER),
+    _of(ChunkReader, SMALL_SUPER, busily=False),  # it is busy from `start` to `end`, whatever is sent before
     _of(GeometryDecode, SMALL_SUPER),
     _of(ChunkHeaderReader, SMALL, at="in the model's order"),
     _of(ChunkHeaderReader, SMALL_SUPER, at="by super-tiles"),
@@ -108,7 +110,7 @@ PROOFS = (
     _of(GeometryReader),
     _of(TableLoader),
     _of(TileSettings, free=("last",)),
-    _of(IntersectionWriter),
+    _of(IntersectionWriter, busily=False),  # it is busy until the next frame may begin, and `end` may leave later
     _of(ListReader),
     _of(ListedTiles),
     _of(PageWalk),

@@ -281,6 +281,17 @@ def writer(bench: Bench) -> None:
     bench.never("a fence is passed only when memory has all writes", ~unit.writes_idle, when=passed)
 
 
+def swap(bench: Bench) -> None:
+    """A frame has so many tiles, and no more groups of intersections than tiles; a tile leaves after it has come."""
+    unit, most = bench.unit, 4
+    came, left = bench.count(unit.tile_moves, 0, most), bench.count(unit.row_ends, 0, most)
+    bench.assume(~unit.tile_moves | (came < most))
+    bench.assume(~unit.row_ends | (left < came))
+    for end in bench.sinks.values():
+        groups = bench.count(end.moves & end.port.payload.last, 0, most)
+        bench.assume(~end.port.valid | (groups < came))
+
+
 def divides(bench: Bench) -> None:
     """A division ends."""
     waits = bench.cycles(~bench.unit.done & ~bench.unit.start, 30)
@@ -310,6 +321,6 @@ PROOFS = (
     Proof(RunWriter, lambda: RunWriter(SMALL, depth=4), (general, writer), "4 places"),
     Proof(MergePlan, lambda: MergePlan(SMALL), (plan, general), "", {"free": ("written",)}),
     Proof(RunReader, lambda: RunReader(SMALL, way_beats=8), (general,), "8 beats a way"),
-    Proof(SwapTogether, lambda: SwapTogether(SMALL.with_(incremental=False, lockstep=True)), (general,), "",
+    Proof(SwapTogether, lambda: SwapTogether(SMALL.with_(incremental=False, lockstep=True)), (swap, general), "",
           {"free": ("tile", "tile_moves", "row_ends")}),
 )
