@@ -22,7 +22,6 @@ from rtl.culling.eyes import EyeCulls, EyePoints
 from rtl.culling.near import NearTest
 from rtl.culling.tile_expand import TileExpand
 from rtl.culling.tile_runs import TileRuns
-from rtl.culling.tile_test import TileTest
 from rtl.pixels.block_differences import BlockDifferences
 from rtl.pixels.block_packer import BlockPacker
 from rtl.pixels.block_rows import BlockRows
@@ -46,8 +45,6 @@ from rtl.supertiles.pair_writer import PairWriter
 from rtl.supertiles.reader import SuperTileReader
 from rtl.supertiles.record_fetch import RecordFetch
 from rtl.supertiles.row_join import RowJoin
-from rtl.supertiles.stream_buffer import StreamBuffer
-from rtl.supertiles.tile_test import SuperTileTest
 from rtl.tile_lists.beats import BeatRun
 from rtl.tile_lists.entry_writer import IntersectionWriter
 from rtl.tile_lists.geometry_reader import GeometryReader
@@ -65,7 +62,6 @@ from rtl.vrc_array.splat_fetch import SplatFetch
 from rtl.vrc_array.splat_tags import SplatTags
 from rtl.warp_unit.fill import Fill
 from rtl.warp_unit.pack import Pack
-from rtl.warp_unit.warp_unit import WarpUnit
 from rtl.warp_unit.window import Window
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
@@ -118,7 +114,6 @@ PROOFS = (
     _of(NearTest),
     _of(EyePoints, EYES),
     _of(EyeCulls, EYES, free=("rendering",)),
-    _of(TileTest),
     _of(TileRuns, free=("codes", "row_start")),
     _of(TileExpand),
     _of(ColourUnit),
@@ -126,23 +121,21 @@ PROOFS = (
     _of(SplatFetch, options={"pending": 8}, at="8 splats on their way"),
     _of(SplatTags),
     _of(SuperTileClip, SMALL_SUPER, free=("rendering",)),
-    _of(SuperTileTest, SMALL_SUPER, free=("rendering",)),
     _of(BoxSteps, SMALL_SUPER, free=("rendering",)),
     _of(GroupWalk, SMALL_SUPER, free=("levels",)),
     _of(PairExpand, SMALL_SUPER),
     _of(MaskExpand, SMALL_SUPER),
     _of(PairUnion, EYES),
-    _of(DepthBuckets, SMALL_SUPER, free=("sorted_item", "sorted_taken")),
-    _of(SingleLists, SMALL_SUPER),
+    _of(DepthBuckets, SMALL_SUPER, busily=False, free=("sorted_item", "sorted_taken")),  # busy with bounds, not with items
+    _of(SingleLists, SMALL_SUPER, busily=False),  # it stores nothing
     _of(BucketSearch, SMALL_SUPER),
-    _of(PairWriter, SMALL_SUPER),
+    _of(PairWriter, SMALL_SUPER, busily=False),  # as IntersectionWriter
     _of(SuperTileReader, SMALL_SUPER),
     _of(RecordFetch, SMALL_SUPER),
     _of(BatchBuffer, SMALL_SUPER, free=("done", "current")),
     _of(BatchBuffer, SMALL_SUPER, batch, at="tiles of one level that do not stop", seconds=20, held={"done": 0},
         narrow={"supertiles": {"level": 0}, "places": {"level": 0}}),
     _of(BatchVisits, SMALL_SUPER, free=("done", "current", "waiting", "waiting_half", "read_data")),
-    _of(StreamBuffer, STREAMS, free=("done", "current")),
     _of(RowJoin, STREAMS),
     _of(SetupUnit, SMALL, free=("stopped",)),
     _of(BatchSetup, SMALL_SUPER, free=("stopped",)),
@@ -159,5 +152,4 @@ PROOFS = (
     _of(Fill, STEREO),
     _of(Pack, STEREO),
     _of(Window, STEREO, free=("start", "run", "rows", "last", "kept_valid", "kept")),
-    _of(WarpUnit, STEREO, free=("tile",)),
 )
