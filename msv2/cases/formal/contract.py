@@ -10,7 +10,7 @@ from msv2.cases.formal.bench import Bench
 def holds(bench: Bench) -> None:
     """Of every output stream: what is offered stays offered, and unchanged, until it is taken."""
     for name, end in bench.sources.items():
-        if not end.port.signature.always_ready and name not in bench.taken:
+        if not end.port.signature.always_ready and name not in bench.taken | bench.loose:
             keeps(bench, name, end.port.valid, end.port.ready, end.item)
 
 

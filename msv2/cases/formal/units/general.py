@@ -43,7 +43,6 @@ from rtl.supertiles.pair_expand import PairExpand
 from rtl.supertiles.pair_union import PairUnion
 from rtl.supertiles.pair_writer import PairWriter
 from rtl.supertiles.reader import SuperTileReader
-from rtl.supertiles.record_fetch import RecordFetch
 from rtl.supertiles.row_join import RowJoin
 from rtl.tile_lists.beats import BeatRun
 from rtl.tile_lists.entry_writer import IntersectionWriter
@@ -70,6 +69,21 @@ STEREO = SMALL.with_(stereo=True, warp_lanes=1)
 EYES = SMALL_SUPER.with_(joint=True)
 STREAMS = SMALL_SUPER.with_(streams=4, cores_x=8, cores_y=8)
 PACKED = SMALL_SUPER.with_(packed=True)
+
+
+def drains(bench: Bench) -> None:
+    """A drain is issued when it may, and when its tile's place is there."""
+    bench.assume(~bench.unit.draining | bench.unit.may_drain & bench.unit.places.valid)
+    if hasattr(bench.unit, "storing"):
+        bench.assume(~bench.unit.storing | bench.unit.may_store & bench.unit.draining)
+
+
+def masks(bench: Bench) -> None:
+    """A word that was read stays until the next one, and a tile that has stopped stays so while its super-tile is current."""
+    unit = bench.unit
+    bench.assume(bench.before(unit.read_en) | (unit.read_data == bench.before(unit.read_data)))
+    done = bench.before(unit.done)
+    bench.assume((unit.current != bench.before(unit.current)) | ((unit.done & done) == done))
 
 
 def batch(bench: Bench) -> None:
@@ -123,7 +137,7 @@ PROOFS = (
     _of(SuperTileClip, SMALL_SUPER, free=("rendering",)),
     _of(BoxSteps, SMALL_SUPER, free=("rendering",)),
     _of(GroupWalk, SMALL_SUPER, free=("levels",)),
-    _of(PairExpand, SMALL_SUPER),
+    _of(PairExpand, SMALL_SUPER, busily=False),  # it is busy with what it does not offer yet
     _of(MaskExpand, SMALL_SUPER),
     _of(PairUnion, EYES),
     _of(DepthBuckets, SMALL_SUPER, busily=False, free=("sorted_item", "sorted_taken")),  # busy with bounds, not with items
@@ -131,16 +145,15 @@ PROOFS = (
     _of(BucketSearch, SMALL_SUPER),
     _of(PairWriter, SMALL_SUPER, busily=False),  # as IntersectionWriter
     _of(SuperTileReader, SMALL_SUPER),
-    _of(RecordFetch, SMALL_SUPER),
     _of(BatchBuffer, SMALL_SUPER, free=("done", "current")),
-    _of(BatchBuffer, SMALL_SUPER, batch, at="tiles of one level that do not stop", seconds=20, held={"done": 0},
+    _of(BatchBuffer, SMALL_SUPER, batch, at="tiles of one level that do not stop", seconds=6, held={"done": 0},
         narrow={"supertiles": {"level": 0}, "places": {"level": 0}}),
-    _of(BatchVisits, SMALL_SUPER, free=("done", "current", "waiting", "waiting_half", "read_data")),
+    _of(BatchVisits, SMALL_SUPER, masks, loose=("items",), free=("done", "current", "waiting", "waiting_half", "read_data")),
     _of(RowJoin, STREAMS),
     _of(SetupUnit, SMALL, free=("stopped",)),
     _of(BatchSetup, SMALL_SUPER, free=("stopped",)),
-    _of(Collect, SMALL, free=("draining",)),
-    _of(BatchCollect, SMALL_SUPER, free=("draining", "storing", "place")),
+    _of(Collect, SMALL, drains, free=("draining",)),
+    _of(BatchCollect, SMALL_SUPER, drains, free=("draining", "storing", "place")),
     _of(PixelWriter),
     _of(BlockRows),
     _of(BlockDifferences),
