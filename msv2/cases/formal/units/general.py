@@ -26,9 +26,7 @@ from rtl.pixels.block_differences import BlockDifferences
 from rtl.pixels.block_packer import BlockPacker
 from rtl.pixels.block_rows import BlockRows
 from rtl.pixels.block_unpacker import BlockUnpacker
-from rtl.pixels.frame_packer import FramePacker
 from rtl.pixels.frame_reader import FrameReader
-from rtl.pixels.frame_writer import FrameWriter
 from rtl.supertiles.batch_buffer import BatchBuffer
 from rtl.supertiles.batch_visits import BatchVisits
 from rtl.supertiles.box_steps import BoxSteps
@@ -68,7 +66,6 @@ from spec.constants import MAX_LEVELS
 STEREO = SMALL.with_(stereo=True, warp_lanes=1)
 EYES = SMALL_SUPER.with_(joint=True)
 STREAMS = SMALL_SUPER.with_(streams=4, cores_x=8, cores_y=8)
-PACKED = SMALL_SUPER.with_(packed=True)
 
 
 def drains(bench: Bench) -> None:
@@ -146,7 +143,7 @@ PROOFS = (
     _of(PairWriter, SMALL_SUPER, busily=False),  # as IntersectionWriter
     _of(SuperTileReader, SMALL_SUPER),
     _of(BatchBuffer, SMALL_SUPER, free=("done", "current")),
-    _of(BatchBuffer, SMALL_SUPER, batch, at="tiles of one level that do not stop", seconds=6, held={"done": 0},
+    _of(BatchBuffer, SMALL_SUPER, batch, at="tiles of one level that do not stop", seconds=4, held={"done": 0},
         narrow={"supertiles": {"level": 0}, "places": {"level": 0}}),
     _of(BatchVisits, SMALL_SUPER, masks, loose=("items",), free=("done", "current", "waiting", "waiting_half", "read_data")),
     _of(RowJoin, STREAMS),
@@ -158,8 +155,6 @@ PROOFS = (
     _of(BlockRows),
     _of(BlockDifferences),
     _of(BlockPacker),
-    _of(FramePacker),
-    _of(FrameWriter, PACKED),
     _of(FrameReader),
     _of(BlockUnpacker),
     _of(Fill, STEREO),

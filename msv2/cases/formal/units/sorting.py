@@ -303,11 +303,11 @@ NARROW = {"index": 2, "depth_key": 0, "tile": 0}
 
 PROOFS = (
     Proof(LineBuffer, lambda: LineBuffer(SMALL), (general, handover(LINE)), f"{LINE} places"),
-    Proof(DoubleBuffer, lambda: DoubleBuffer(SMALL), (general, handover(DOUBLE)), f"{DOUBLE} places", seconds=8),
+    Proof(DoubleBuffer, lambda: DoubleBuffer(SMALL), (general, handover(DOUBLE)), f"{DOUBLE} places", seconds=4),
     Proof(MergeStage, lambda: MergeStage(WIDTH, 1), (general, merge_stage), "runs of 1, words of 2 bits"),
-    Proof(MergeStage, lambda: MergeStage(WIDTH, 2), (general, merge_stage), "runs of 2, words of 2 bits", seconds=12),
+    Proof(MergeStage, lambda: MergeStage(WIDTH, 2), (general, merge_stage), "runs of 2, words of 2 bits", seconds=8),
     Proof(ChunkSorter, lambda: ChunkSorter(SMALL), (general, chunk_sorter), "chunks of 16",
-          {"narrow": {"chunks": NARROW}}, seconds=8),
+          {"narrow": {"chunks": NARROW}}, seconds=4),
     Proof(MergeNode, lambda: MergeNode(WIDTH), (general, merge_node), "words of 2 bits", quick=True),
     Proof(MergeTree, lambda: MergeTree(WIDTH, 4), (general,), "4 ways"),
     Proof(TileCounters, lambda: TileCounters(SMALL, count_bits=2), (general, counters(2)), "4 tiles, 2 bits",
