@@ -9,6 +9,7 @@ The bench gives every port of a component a partner, which it finds by the compo
   request. `writes_idle` is high where it has completed all writes that it took.
 * `start`, `begin` and other strobes may come in every cycle in which the unit is not busy.
 * `clear` and `abort` do not come: they belong between two frames.
+* Parts of an interface that is no stream have any value in every cycle.
 * Any other input has any value, which stays the same for ever, as a setting of a frame does; inputs that are named `free` have
   any value in every cycle.
 
@@ -87,6 +88,7 @@ class Bench:
         own: names of inputs and streams that the caller drives.
         narrow: for an input stream, fields of its items of which only so many bits are used; the others are 0.
         taken: output streams whose receivers have always free space: every item is taken at once.
+        loose: output streams that may change or withdraw what they offer; their docstrings have to say so.
 
     Raises:
         ValueError: a name is none of the unit's.
@@ -95,7 +97,7 @@ class Bench:
     def __init__(
         self, unit: wiring.Component, *, free: Iterable[str] = (), held: Mapping[str, int] | None = None,
         memories: Iterable[tuple[str, str]] = (), own: Iterable[str] = (),
-        narrow: Mapping[str, Mapping[str, int]] | None = None, taken: Iterable[str] = (),
+        narrow: Mapping[str, Mapping[str, int]] | None = None, taken: Iterable[str] = (), loose: Iterable[str] = (),
     ):
         self.m, self.unit = Module(), unit
         self.inputs: list[Value] = []
@@ -110,7 +112,7 @@ class Bench:
         self.m.d.comb += domain.rst.eq(~self.live)
         self.m.d.sync += self.live.eq(1)
         self._sound, self._now, self._numbers = Signal(name="sound", init=1), Signal(name="sound_now"), 0
-        self._narrow, self.taken = dict(narrow or {}), set(taken)
+        self._narrow, self.taken, self.loose = dict(narrow or {}), set(taken), set(loose)
         self.m.submodules.unit = unit
         self._surround(unit, set(free), dict(held or {}), dict(memories), set(own))
 
@@ -188,7 +190,7 @@ class Bench:
                  if name not in own and name.partition("[")[0] not in own]
         members = unit.signature.members
         names = {name for name, _, _ in streams(unit)}
-        for name in (*free, *held, *memories, *memories.values(), *own, *self._narrow, *self.taken):
+        for name in (*free, *held, *memories, *memories.values(), *own, *self._narrow, *self.taken, *self.loose):
             if name not in names | set(members):
                 raise ValueError(f"{type(unit).__name__} has no port {name!r}, only {', '.join(sorted(names | set(members)))}")
         memories = memories | {name: answer for name in names
@@ -206,6 +208,12 @@ class Bench:
                 for place, port in enumerate(_all(getattr(unit, name), member.dimensions)):
                     label = f"{name}_{place}" if member.dimensions else name
                     self.m.d.comb += Value.cast(port).eq(self._input(unit, name, label, Value.cast(port).shape(), free, held))
+
+        plain = {name for name, member in members.items() if member.is_signature and name not in own
+                 and not any(other.partition("[")[0] == name for other in names)}
+        for path, member, value in unit.signature.flatten(unit):
+            if path[0] in plain and member.flow == wiring.In:
+                self.m.d.comb += Value.cast(value).eq(self.any(Value.cast(value).shape(), "_".join(map(str, path))))
 
     def _input(
         self, unit: wiring.Component, name: str, label: str, shape: Shape, free: set[str], held: dict[str, int],
@@ -265,7 +273,7 @@ class Bench:
         moves = Signal(name=f"{label}_moves")
         ready = Const(1, 1) if name in self.taken else self.any(1, f"{label}_ready")
         if answered_by is not None:
-            answers = dict((n, p) for n, p, _ in streams(self.unit))[answered_by]
+            answers = {other: end for other, end, _ in streams(self.unit)}[answered_by]
             open_ = Signal(range(MOST_ASKED + 2), name=f"{label}_open")
             self.m.d.sync += open_.eq(open_ + moves - (answers.valid & answers.ready))
             ready = ready & (open_ < MOST_ASKED)

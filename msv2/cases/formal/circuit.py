@@ -1,7 +1,8 @@
 """A component as an and-inverter graph (AIGER): memories and registers as single bits, none of which has a value before reset.
 
-A chip's registers hold anything when its power comes on, so initial values are removed. Registers that belong to the proof keep
-theirs: Amaranth signals with the attribute `KEPT`. The contents of a memory that nobody writes are a table and are kept as well.
+A chip's registers hold anything when its power comes on, so initial values are removed. Registers that belong to the proof
+keep theirs: Amaranth signals with the attribute `KEPT`. The contents of a memory that nobody writes are a table and are kept
+as well.
 
 Two things must not be changed here. Passes that simplify logic (`opt`, `wreduce`) may choose a convenient value for what is
 undefined, which would prove what is false; only `opt_clean`, which removes what nothing reads, is used. And an AIGER file has
@@ -52,8 +53,8 @@ dfflegalize -cell $_DFF_P_ 01
 aigmap
 opt_clean
 """
-"""From RTLIL to AND gates, inverters and D flip-flops. `setundef` gives constants to wires that nothing drives, such as the parts
-of a payload that a component does not use."""
+"""From RTLIL to AND gates, inverters and D flip-flops. `setundef` gives constants to wires that nothing drives, such as the
+parts of a payload that a component does not use."""
 
 SECONDS = 300
 """Limit of Yosys' time."""
@@ -127,7 +128,8 @@ def to_circuit(text: str, outputs: Sequence[str], folder: Path) -> Circuit:
     folder.mkdir(parents=True, exist_ok=True)
     source, script, aiger, names = (folder / f"circuit.{kind}" for kind in ("il", "ys", "aig", "map"))
     source.write_text(text)
-    script.write_text(f"read_rtlil {source.name}\n{PASSES}write_aiger -zinit -no-sort -symbols -map {names.name} {aiger.name}\n")
+    write = f"write_aiger -zinit -no-sort -symbols -map {names.name} {aiger.name}"
+    script.write_text(f"read_rtlil {source.name}\n{PASSES}{write}\n")
     run = subprocess.run([sys.executable, "-c", _RUN, script.name], capture_output=True, text=True, timeout=SECONDS, cwd=folder,
                          check=False)
     if run.returncode:

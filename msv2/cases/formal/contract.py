@@ -10,7 +10,7 @@ from msv2.cases.formal.bench import Bench
 def holds(bench: Bench) -> None:
     """Of every output stream: what is offered stays offered, and unchanged, until it is taken."""
     for name, end in bench.sources.items():
-        if not end.port.signature.always_ready and name not in bench.taken:
+        if not end.port.signature.always_ready and name not in bench.taken | bench.loose:
             keeps(bench, name, end.port.valid, end.port.ready, end.item)
 
 
@@ -92,9 +92,8 @@ def tells_busy(bench: Bench, inside: ValueLike, within: int) -> None:
     bench.never(f"not busy {within} cycles after the last item has left", busy, when=still > within)
 
 
-def conserves(bench: Bench, name: str, comes: ValueLike, goes: ValueLike, most: int, *, empty: ValueLike | None = None) -> Signal:
-    """What comes in goes out: there is never more out than in, never more than `most` inside, and where the unit is `empty`
-    nothing is missing. Returns how many are inside.
+def conserves(bench: Bench, name: str, comes: ValueLike, goes: ValueLike, most: int) -> Signal:
+    """What goes out has come in: there is never more out than in, and never more than `most` inside. Returns how many are.
 
     Args:
         comes, goes: how many come and go in a cycle.
@@ -102,8 +101,6 @@ def conserves(bench: Bench, name: str, comes: ValueLike, goes: ValueLike, most: 
     inside = bench.count(comes, goes, most)
     bench.never(f"{name}: none that did not come", inside < 0, when=bench.before(goes))
     bench.never(f"{name}: at most {most} inside", inside > most, when=inside == most)
-    if empty is not None:
-        bench.never(f"{name}: none is missing when nothing is inside", inside != 0, when=Value.cast(empty) & bench.seen(goes))
     return inside
 
 

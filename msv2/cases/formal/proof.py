@@ -18,7 +18,8 @@ from spec.config import TINY, TINY_V3
 SMALL = TINY.with_(row_width=32, line_buffer_bytes=64, sort_buffer_bytes=256, splat_cache_lines=4)
 """A machine with frames of 2 x 2 tiles, chunks of 16 intersections and a line buffer of 8."""
 
-SMALL_SUPER = TINY_V3.with_(row_width=128, line_buffer_bytes=64, sort_buffer_bytes=256)
+SMALL_SUPER = TINY_V3.with_(
+    row_width=128, line_buffer_bytes=64, sort_buffer_bytes=256, list_heads=8, header_lines=4, batch_places=16)
 """The same with lists by super-tile, of which a frame has 2 x 2."""
 
 CANARY_SECONDS = 15.0

@@ -1,7 +1,7 @@
 """`msv2 study run formal`: proves claims of the machine's units, for all inputs and for ever, or up to a number of cycles.
 
-What a claim, a canary and a bench are is told in docs/formal.md. Verdicts are kept in build/formal under what they are about, so
-that an interrupted study continues and only what has changed is proven again. The study needs the extra `synth`. The exit
+What a claim, a canary and a bench are is told in docs/formal.md. Verdicts are kept in build/formal under what they are about,
+so that an interrupted study continues and only what has changed is proven again. The study needs the extra `synth`. The exit
 status is 1 if a claim fails, or if a claim is proven of something that was never seen to happen.
 """
 
@@ -31,10 +31,10 @@ RESULTS = ("proven", "open", "fails", "empty")
 
 HEAD = """# Claims of units, proven for all inputs
 
-Written by `msv2 study run formal`. A claim is proven for every sender, receiver, memory and setting at once, from registers that
-hold anything when the power comes on, and one cycle of reset. "Proven" means for ever; "to N" means that no violation exists
-within N cycles and the proof did not end in its time. The canary of a claim is the cycle in which what it speaks of was seen to
-happen first; a claim without one would be worth nothing, and is called empty. docs/formal.md tells how to add one.
+Written by `msv2 study run formal`. A claim is proven for every sender, receiver, memory and setting at once, from registers
+that hold anything when the power comes on, and one cycle of reset. "Proven" means for ever; "to N" means that no violation
+exists within N cycles and the proof did not end in its time. The canary of a claim is the cycle in which what it speaks of was
+seen to happen first; a claim without one would be worth nothing, and is called empty. docs/formal.md tells how to add one.
 """
 
 
@@ -55,6 +55,10 @@ def _judged(proof: Proof, found: Sequence[Judged]) -> dict[str, object]:
             "canary_seconds": round(each.canary.seconds, 1)} for each in found]}
 
 
+def _name(row: Mapping[str, object]) -> str:
+    return f"{row['unit']} ({row['at']})" if row["at"] else str(row["unit"])
+
+
 def shown(claim: Mapping[str, object]) -> str:
     """A verdict in a word."""
     result = claim["result"]
@@ -64,17 +68,16 @@ def shown(claim: Mapping[str, object]) -> str:
 def pages(rows: Sequence[Mapping[str, object]], counts: Mapping[str, int]) -> str:
     """The page of the report."""
     units = {row["unit"] for row in rows}
-    summary = (f"{counts['proven']} claims of {len(units)} units are proven, {counts['open']} are open to the depth that is given, "
-               f"{counts['fails']} fail, {counts['empty']} are empty.")
+    summary = (f"{counts['proven']} claims of {len(units)} units are proven, {counts['open']} are open to the depth that is "
+               f"given, {counts['fails']} fail, {counts['empty']} are empty.")
     table = page.table(
         ["unit", "claim", "result", "canary", "seconds"],
-        [[f"{row['unit']} ({row['at']})" if row["at"] else row["unit"], claim["claim"], shown(claim),
+        [[_name(row), claim["claim"], shown(claim),
           "-" if claim["canary"] is None else claim["canary"], f"{claim['seconds'] + claim['canary_seconds']:.1f}"]
          for row in rows for claim in row["claims"]], left=3)
     sizes = page.table(
         ["unit", "flip-flops", "AND gates"],
-        [[f"{row['unit']} ({row['at']})" if row["at"] else row["unit"], f"{row['latches']:,}", f"{row['ands']:,}"] for row in rows],
-        left=1)
+        [[_name(row), f"{row['latches']:,}", f"{row['ands']:,}"] for row in rows], left=1)
     without = page.table(["component", "module", "why"], [
         [name, f"`{kind.__module__}`", UNPROVEN[name]] for name, kind in components().items() if name in UNPROVEN])
     return (f"{HEAD}\n{summary}\n\n{table}\n\n## Components without a proof\n\n{without}\n\n"

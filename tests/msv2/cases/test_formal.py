@@ -24,6 +24,7 @@ from spec.errors import InputError
 
 QUICK = [proof for proof in registry.PROOFS if proof.quick]
 ITEMS = stream.Signature(2)
+MACHINES = (TINY, TINY_V3, TINY_STREAMS, TINY_EYES)
 
 
 def results(proof: Proof, folder: Path) -> dict[str, str]:
@@ -47,7 +48,7 @@ def test_every_component_has_a_proof_or_a_reason():
 
 @pytest.mark.parametrize("name", [name for name in UNITS if name != "msv2_top"])
 def test_every_unit_of_the_registry_is_one_of_these_components(name: str):
-    made = next(unit for unit in map(lambda config: _made(name, config), (TINY, TINY_V3, TINY_STREAMS, TINY_EYES)) if unit)
+    made = next(unit for unit in (_made(name, config) for config in MACHINES) if unit)
     assert type(made).__name__ in registry.components()
 
 
@@ -194,11 +195,12 @@ def test_contents_of_written_memories_are_forgotten_by_module():
 
 def test_streams_are_found_by_the_signature():
     names = {name: is_input for name, _, is_input in streams(registry.named("AxiMaster")[0].make())}
-    assert names == {"reads[0]": True, "reads[1]": True, "beats[0]": False, "beats[1]": False, "writes[0]": True, "writes[1]": True}
+    assert names == {
+        "reads[0]": True, "reads[1]": True, "beats[0]": False, "beats[1]": False, "writes[0]": True, "writes[1]": True}
 
 
 def test_an_unknown_port_is_answered_with_those_that_exist():
-    with pytest.raises(ValueError, match="FrameController has no port 'sart', only .*start"):
+    with pytest.raises(ValueError, match=r"FrameController has no port 'sart', only .*start"):
         Bench(FrameController(SMALL), free=("sart",))
 
 

@@ -38,7 +38,7 @@ def master(bench: Bench) -> None:
     """Of a bus that answers what it was asked for, the requests of each client in their order, and errors as it likes."""
     unit, m = bench.unit, bench.m
     reads, writes = ([bench.sinks[f"{kind}[{n}]"] for n in range(CLIENTS)] for kind in ("reads", "writes"))
-    sent = {channel: getattr(unit, f"m_axi_{channel}valid") & getattr(unit, f"m_axi_{channel}ready") for channel in ("ar", "aw", "w")}
+    sent = {name: getattr(unit, f"m_axi_{name}valid") & getattr(unit, f"m_axi_{name}ready") for name in ("ar", "aw", "w")}
     read_open, write_open = ([bench.register(f"{kind}_{n}", 3) for n in range(CLIENTS)] for kind in ("read", "write"))
     words = bench.register("words", 4)
     answered, completed = bench.any(1, "answers") & _one(read_open, unit.m_axi_rid), \
@@ -58,7 +58,8 @@ def master(bench: Bench) -> None:
     bench.never(f"at most {IN_FLIGHT} reads in flight", sum(owed_reads) > IN_FLIGHT, when=sum(owed_reads) == IN_FLIGHT)
     for n, owed in enumerate(owed_writes):
         bench.never(f"at most {IN_FLIGHT} writes of client {n} in flight", owed > IN_FLIGHT, when=owed == IN_FLIGHT)
-        bench.never(f"writes of client {n} idle only if none is in flight", owed != 0, when=unit.writes_idle[n] & bench.seen(writes[n].moves))
+        bench.never(f"writes of client {n} idle only if none is in flight", owed != 0,
+                    when=unit.writes_idle[n] & bench.seen(writes[n].moves))
     nothing = ~Cat(owed != 0 for owed in (*owed_reads, *owed_writes)).any()
     bench.never("quiet only if nothing is in flight", ~nothing, when=unit.quiet & bench.seen(sent["ar"]))
     bench.never("quiet if nothing is in flight", bench.before(nothing) & nothing & ~unit.quiet, when=nothing)
@@ -82,9 +83,10 @@ def slave(bench: Bench) -> None:
     unit = bench.unit
     keeps(bench, "B", unit.s_axi_bvalid, unit.s_axi_bready, unit.s_axi_bresp)
     keeps(bench, "R", unit.s_axi_rvalid, unit.s_axi_rready, Cat(unit.s_axi_rdata, unit.s_axi_rresp))
-    moves = {name: getattr(unit, f"s_axi_{name}valid") & getattr(unit, f"s_axi_{name}ready") for name in ("aw", "w", "b", "ar", "r")}
-    for asks, name, answers, strobe in (("aw", "addresses of writes", "b", unit.write), ("w", "data of writes", "b", unit.write),
-                                        ("ar", "reads", "r", unit.read)):
+    moves = {name: getattr(unit, f"s_axi_{name}valid") & getattr(unit, f"s_axi_{name}ready")
+             for name in ("aw", "w", "b", "ar", "r")}
+    for asks, name, answers, strobe in (("aw", "addresses of writes", "b", unit.write),
+                                        ("w", "data of writes", "b", unit.write), ("ar", "reads", "r", unit.read)):
         conserves(bench, f"{name} until they are performed", moves[asks], strobe, 1)
         conserves(bench, f"{name} until they are answered", moves[asks], moves[answers], 2)
         waits = bench.cycles(~getattr(unit, f"s_axi_{asks}ready") & unit.s_axi_bready & unit.s_axi_rready & unit.s_axi_awvalid
@@ -154,10 +156,15 @@ def control(bench: Bench) -> None:
                 when=pushed & bench.before(failed))
     order = bench.register("order", 2)
     begins = ~unit.busy | unit.next_pass if hasattr(unit, "next_pass") else ~unit.busy
-    bench.m.d.sync += order.eq(Mux(begins, 0, Mux(unit.start_table, 1, Mux(unit.start_geometry, 2, Mux(unit.start_render, 3, order)))))
-    for place, (name, strobe) in enumerate((("table", unit.start_table), ("geometry", unit.start_geometry), ("render", unit.start_render))):
+    phases = {"table": unit.start_table, "geometry": unit.start_geometry, "render": unit.start_render}
+    for place, (name, strobe) in enumerate(phases.items()):
         bench.never(f"{name} starts in its turn", order != place, when=strobe)
-    bench.never("a frame ends well only in its last phase", (unit.phase != Phase.RENDER) & ~unit.reset_units, when=unit.finished)
+        with bench.m.If(strobe):
+            bench.m.d.sync += order.eq(place + 1)
+    with bench.m.If(begins):
+        bench.m.d.sync += order.eq(0)
+    ends_well = unit.finished & ~unit.reset_units
+    bench.never("a frame ends well only in its last phase", unit.phase != Phase.RENDER, when=ends_well)
 
 
 def _free(*names: str) -> dict[str, object]:
@@ -165,7 +172,8 @@ def _free(*names: str) -> dict[str, object]:
 
 
 BUS = tuple(f"m_axi_{name}" for name in ("arready", "awready", "wready", "rid", "rdata", "rresp", "bid", "bresp"))
-LITE = tuple(f"s_axi_{name}" for name in ("awaddr", "wdata", "wstrb", "araddr", "awvalid", "wvalid", "arvalid", "bready", "rready"))
+LITE = tuple(f"s_axi_{name}" for name in (
+    "awaddr", "wdata", "wstrb", "araddr", "awvalid", "wvalid", "arvalid", "bready", "rready"))
 
 
 def lite_host(bench: Bench) -> None:

@@ -85,8 +85,9 @@ def cache_lines(bench: Bench) -> None:
     passes(bench, "items", "found", bit=(item.carried.mark, unit.found.payload.carried.mark))
     inside = level(bench, "items", "found", 2)
     bench.never("busy while an item is inside", ~unit.busy, when=inside != 0)
-    conserves(bench, "fills taken for items that missed", bench.sinks["items"].moves & item.missed,
-              bench.sinks["fills"].moves, 1)
+    fills, missed = bench.sinks["fills"].moves, bench.sinks["items"].moves & item.missed
+    bench.never("a fill is taken with the item that missed", ~missed, when=fills)
+    bench.never("an item that missed brings its fill", ~fills, when=missed)
 
 
 LINES = 4
