@@ -8,11 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from amaranth.hdl import Mux
 from amaranth.lib import wiring
 
 from msv2.cases.formal.bench import Bench
-from msv2.cases.formal.contract import general, holds, once, silent
+from msv2.cases.formal.contract import general, holds, silent
 from msv2.cases.formal.proof import SMALL, SMALL_SUPER, Proof
 from rtl.chunks.chunk_reader import ChunkReader
 from rtl.chunks.geometry_decode import GeometryDecode
@@ -59,9 +58,7 @@ from rtl.vrc_array.splat_fetch import SplatFetch
 from rtl.vrc_array.splat_tags import SplatTags
 from rtl.warp_unit.fill import Fill
 from rtl.warp_unit.pack import Pack
-from rtl.warp_unit.window import Window
 from spec.config import AcceleratorConfig
-from spec.constants import MAX_LEVELS
 
 STEREO = SMALL.with_(stereo=True, warp_lanes=1)
 EYES = SMALL_SUPER.with_(joint=True)
@@ -81,23 +78,6 @@ def masks(bench: Bench) -> None:
     bench.assume(bench.before(unit.read_en) | (unit.read_data == bench.before(unit.read_data)))
     done = bench.before(unit.done)
     bench.assume((unit.current != bench.before(unit.current)) | ((unit.done & done) == done))
-
-
-def batch(bench: Bench) -> None:
-    """A place, any one, of one tile becomes one entry, in a visit of its tile; no tile has stopped."""
-    unit, place, entry = bench.unit, bench.unit.places.payload, bench.unit.entries.payload
-    places, entries, visits = bench.sinks["places"], bench.sources["entries"], bench.sources["visits"]
-    tile = bench.some(range(len(place.mask)), "tile")
-    marked = places.moves & place.depth[0]
-    bench.assume(~places.port.valid | ~place.depth[0] | (place.mask == 1 << tile))
-    following = bench.register("following", 2)  # places of a pair before its last one
-    bench.assume(~places.port.valid | place.last | (following != MAX_LEVELS - 1))
-    with bench.m.If(places.moves):
-        bench.m.d.sync += following.eq(Mux(place.last, 0, following + 1))
-    leaves = entries.moves & ~entry.end & entry.depth[0]
-    once(bench, "a place of one tile", marked, leaves, empty=~unit.busy)
-    ahead = bench.count(visits.moves, entries.moves & entry.end, 3)
-    bench.never("a visit ends once, and after it has begun", ahead < 0, when=bench.before(entries.moves & entry.end))
 
 
 def _of(unit: Callable[..., wiring.Component], config: AcceleratorConfig = SMALL, *claims: Callable[[Bench], object],
@@ -143,8 +123,6 @@ PROOFS = (
     _of(PairWriter, SMALL_SUPER, busily=False),  # as IntersectionWriter
     _of(SuperTileReader, SMALL_SUPER),
     _of(BatchBuffer, SMALL_SUPER, free=("done", "current")),
-    _of(BatchBuffer, SMALL_SUPER, batch, at="tiles of one level that do not stop", seconds=4, held={"done": 0},
-        narrow={"supertiles": {"level": 0}, "places": {"level": 0}}),
     _of(BatchVisits, SMALL_SUPER, masks, loose=("items",), free=("done", "current", "waiting", "waiting_half", "read_data")),
     _of(RowJoin, STREAMS),
     _of(SetupUnit, SMALL, free=("stopped",)),
@@ -159,5 +137,4 @@ PROOFS = (
     _of(BlockUnpacker),
     _of(Fill, STEREO),
     _of(Pack, STEREO),
-    _of(Window, STEREO, free=("start", "run", "rows", "last", "kept_valid", "kept")),
 )
