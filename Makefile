@@ -25,7 +25,7 @@ eyes = $(call switch,STEREO,stereo) $(call option,ECC,ecc-thresh) $(call option,
 config = $(call option,CONFIG,config) $(foreach value,$(SET),--set "$(value)")
 
 .DEFAULT_GOAL := help
-.PHONY: help setup base tested documented viewable view demo render look frame video sim synth verilog report-area report-energy report-performance report perf study sweep train tables-training table-ecc table-effects tradeoff bench results stability docs doctor check test test-long lint
+.PHONY: help setup base tested documented viewable view demo render look frame video sim synth fpga mappable verilog report-area report-energy report-performance report perf study sweep train tables-training table-ecc table-effects tradeoff bench results stability docs doctor check test test-long lint
 
 help: ## this list
 	@$(PYTHON) msv2/cli/make_help.py
@@ -75,6 +75,12 @@ synth: tested ## synthesis; UNIT=|CONFIG= SET="NAME=VALUE ..." STEREO=1 TECH=gen
 	@$(MSV2) synth $(call option,UNIT,unit) $(config) $(call switch,STEREO,stereo) \
 		$(call option,TECH,tech) $(call option,CLOCK_PS,clock-ps) $(call option,JOBS,jobs) $(call option,RUNS,runs) $(call option,OUT,out) \
 		$(call switch,MACHINE,machine) $(call option,CORNER,corner) $(call option,UNCERTAINTY,uncertainty) $(call switch,BUDGET,budget)
+
+mappable:
+	@$(PYTHON) msv2/cli/setup_environment.py --extras fpga
+
+fpga: mappable ## the machine and a RISC-V core as a bitstream for an ECP5, and in simulation; PART=all|synthesis|bitstream|soc DEVICE=um5g-85k|85k SEED=N OUT=
+	@$(MSV2) fpga $(call option,PART,part) $(call option,DEVICE,device) $(call option,SEED,seed) $(call option,OUT,out)
 
 verilog: base ## the machine or one unit as Verilog for your own design; CONFIG= SET="NAME=VALUE ..." STEREO=1 UNIT= OUT= PREFIX=
 	@$(MSV2) verilog $(config) $(call switch,STEREO,stereo) $(call option,UNIT,unit) $(call option,OUT,out) $(call option,PREFIX,prefix)

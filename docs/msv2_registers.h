@@ -65,6 +65,8 @@
 #define MSV2_MACHINE_UNITS_CULLING_UNITS_MASK 0x000000FFu
 #define MSV2_MACHINE_UNITS_JOINT_SHIFT 8
 #define MSV2_MACHINE_UNITS_JOINT_MASK 0x00000100u
+#define MSV2_MACHINE_UNITS_OVERLAP_SHIFT 9
+#define MSV2_MACHINE_UNITS_OVERLAP_MASK 0x00000200u
 #define MSV2_MACHINE_UNITS_MERGE_WAYS_SHIFT 16
 #define MSV2_MACHINE_UNITS_MERGE_WAYS_MASK 0x00FF0000u
 #define MSV2_MACHINE_UNITS_WARP_LANES_SHIFT 24
@@ -114,13 +116,19 @@
 #define MSV2_STATUS_DONE_MASK 0x00000002u
 #define MSV2_STATUS_ERROR_SHIFT 2
 #define MSV2_STATUS_ERROR_MASK 0x00000004u
+#define MSV2_STATUS_READY_SHIFT 3
+#define MSV2_STATUS_READY_MASK 0x00000008u
 #define MSV2_STATUS_PHASE_SHIFT 8
 #define MSV2_STATUS_PHASE_MASK 0x00000F00u
+#define MSV2_STATUS_FIRST_PHASE_SHIFT 12
+#define MSV2_STATUS_FIRST_PHASE_MASK 0x0000F000u
 
 /* why the last frame ended early (read) */
 #define MSV2_ERROR 0x028u
 #define MSV2_ERROR_CODE_SHIFT 0
 #define MSV2_ERROR_CODE_MASK 0x000000FFu
+#define MSV2_ERROR_FIRST_CODE_SHIFT 8
+#define MSV2_ERROR_FIRST_CODE_MASK 0x0000FF00u
 
 /* with BAD_SETTING: number of the first setting that is out of its limits, counted from 0 in their
    order (read) */
@@ -664,6 +672,9 @@
 /* visits of tiles in the array (only with super-tiles) (read) */
 #define MSV2_VISITS 0x560u
 
+/* of these by read client first (only with overlapped phases) (read) */
+#define MSV2_READ_BEATS_FIRST 0x564u
+
 /* Gaussians culled as outside only because their projected mean has a coordinate at its least or
    largest value (read) */
 #define MSV2_SATURATED_MEANS 0x600u
@@ -687,6 +698,8 @@ enum msv2_phase {
     MSV2_PHASE_RENDER = 4, /* Merging, sorting and blending of all tiles. */
     MSV2_PHASE_DRAIN = 5, /* The frame has failed; the machine waits for outstanding answers of memory. */
     MSV2_PHASE_RESET = 6, /* The frame has failed; the machine resets all units. */
+    MSV2_PHASE_WAIT = 7, /* With overlapped phases: the frame's lists are in memory, and the frame before is still in its
+   second phase. */
 };
 
 /* Why a frame ended early, or did not begin. */
@@ -707,7 +720,7 @@ enum { MSV2_READ_CLIENT_GEOMETRY = 0, MSV2_READ_CLIENT_TILES = 1, MSV2_READ_CLIE
 enum { MSV2_WRITE_CLIENT_ENTRIES = 0, MSV2_WRITE_CLIENT_VIEWS = 1, MSV2_WRITE_CLIENT_SPILL = 2, MSV2_WRITE_CLIENT_FRAME = 3, MSV2_WRITE_CLIENT_WARP = 4 };
 
 /* the same in machines with lists by super-tile */
-enum { MSV2_SUPERTILE_READ_CLIENT_GEOMETRY = 0, MSV2_SUPERTILE_READ_CLIENT_TILES = 1, MSV2_SUPERTILE_READ_CLIENT_COLOUR = 2, MSV2_SUPERTILE_READ_CLIENT_ENTRIES = 3, MSV2_SUPERTILE_READ_CLIENT_SPILL = 4, MSV2_SUPERTILE_READ_CLIENT_CHUNKS = 5 };
+enum { MSV2_SUPERTILE_READ_CLIENT_GEOMETRY = 0, MSV2_SUPERTILE_READ_CLIENT_TILES = 1, MSV2_SUPERTILE_READ_CLIENT_COLOUR = 2, MSV2_SUPERTILE_READ_CLIENT_ENTRIES = 3, MSV2_SUPERTILE_READ_CLIENT_SPILL = 4, MSV2_SUPERTILE_READ_CLIENT_CHUNKS = 5, MSV2_SUPERTILE_READ_CLIENT_FIRST = 6 };
 enum { MSV2_SUPERTILE_WRITE_CLIENT_ENTRIES = 0, MSV2_SUPERTILE_WRITE_CLIENT_SPILL = 1, MSV2_SUPERTILE_WRITE_CLIENT_FRAME = 2 };
 
 #endif

@@ -1,12 +1,12 @@
 """Frames in a row whose phases overlap: the first phase of frame n + 1 runs beside the second one of frame n, on one memory.
 
-No RTL does this yet: its phases take turns. The model says what the overlap is worth. What both phases use is shared so:
+The RTL is `rtl.top.overlap` and `rtl.top.splat_paths`. What both phases use is shared so:
 
 - Memory: all clients take turns at one AXI master. The chunk headers of the two phases have a client each, and the table of
   tiles comes through that of the first phase.
-- Projection, near test and tile test: one of each, into which a slot of one phase enters in a cycle. In even cycles the second
-  phase goes first; in odd cycles a slot of the first phase that waits does. Slots carry the number of their phase, and each
-  phase has output registers of its own, so that neither waits for the other's.
+- Projection, near test and tile test: one of each, into which a slot of one phase enters in an interval. In even ones the
+  second phase goes first; in odd ones a slot of the first phase that waits does. Slots carry the number of their phase, and
+  each phase has an output queue of its own, so that neither waits for the other's.
 - Everything that one phase writes and the next one reads exists twice: level table, list heads, bounds, directory and pairs.
 
 The bounds of depth buckets are then those of the frame before the last.
@@ -126,9 +126,10 @@ def overlap_phase(b, s, streams, first, second, limit):
         reads |= own_reads & 1 << GEOMETRY | (own_reads >> CHUNKS & 1) << BIN_CHUNKS
         reader, writer = bus.grant_read(s, t, reads), bus.grant_write(s, t, writes | own_writes)
         b.read_new = b.write_new = 0
-        s.path_held[NEAR] = t & 1 and (b.eye_points != 0 if b.two_eyes else chunk_units.decoded(b))
-        s.path_held[PROJECTION] = t & 1 and b.path_full[NEAR] != 0
-        s.path_held[ELLIPSE] = t & 1 and b.walked != 0
+        turn = t // s.path_interval[NEAR] & 1
+        s.path_held[NEAR] = turn and (b.eye_points != 0 if b.two_eyes else chunk_units.decoded(b))
+        s.path_held[PROJECTION] = turn and b.path_full[NEAR] != 0
+        s.path_held[ELLIPSE] = turn and b.walked != 0
         before = s.path_in[NEAR], s.path_in[PROJECTION], s.path_in[ELLIPSE]
         if drawn < 0 and supertiles_render.render_cycle(s, streams, t, reader, writer, *second):
             drawn = t + 1

@@ -31,6 +31,8 @@ class Phase(Code):
     """The frame has failed; the machine waits for outstanding answers of memory."""
     RESET = 6
     """The frame has failed; the machine resets all units."""
+    WAIT = 7
+    """With overlapped phases: the frame's lists are in memory, and the frame before is still in its second phase."""
 
 
 class ErrorCode(Code):

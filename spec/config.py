@@ -5,8 +5,8 @@ super-tile (`spec.supertiles`). It renders one eye. DEFAULT is V3 with fewer fro
 V3 with a wider one. V3_PACKED packs its frames (`spec.packed`), V3_STREAMS has four arrays, and V3_EYES renders two eyes from
 one set of lists (`spec.joint`), V3_EYES_STREAMS by four arrays into packed frames. PAPER reproduces the machine of the paper
 (section 7, "Hardware Implementation"), whose lists belong to tiles; it and variants of it warp the second eye. TINY, TINY_V3,
-TINY_STREAMS and TINY_EYES are for fast simulation. PRECISE, BALANCED and FAST are V3 with the word lengths and SH degrees that
-lost at most 0.01, 0.1 and 0.5 dB of PSNR on PAPER (docs/tradeoff.md).
+TINY_STREAMS and TINY_EYES are for fast simulation, FPGA is for an FPGA. PRECISE, BALANCED and FAST are V3 with the word lengths
+and SH degrees that lost at most 0.01, 0.1 and 0.5 dB of PSNR on PAPER (docs/tradeoff.md).
 """
 
 from __future__ import annotations
@@ -99,6 +99,10 @@ class AcceleratorConfig:
         packed: whether the machine can pack frames for displays (`spec.packed`); this needs lists by super-tile.
         joint: whether the machine renders joint frames of two eyes (`spec.joint`) besides frames of one; this needs lists by
             super-tile.
+        overlap: whether the first phase of a frame runs beside the second phase of the frame before (docs/machine.md); this
+            needs lists by super-tile, and excludes `joint`.
+        bank_memories: whether pixel cores keep their banks in memories and not in registers, which is smaller on an FPGA where
+            a core computes many pixels in turn; this needs lists by tile.
         formats: number formats.
     """
 
@@ -136,6 +140,8 @@ class AcceleratorConfig:
     streams: int = 1
     packed: bool = False
     joint: bool = False
+    overlap: bool = False
+    bank_memories: bool = False
     formats: NumberFormats = field(default_factory=NumberFormats)
 
     def __post_init__(self) -> None:
@@ -165,7 +171,7 @@ class AcceleratorConfig:
             if getattr(self, name) & (getattr(self, name) - 1):
                 raise ValueError(f"{name} must be a power of two, not {getattr(self, name)!r}")
         for name in ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks", "buckets",
-                     "lockstep", "packed", "joint"):
+                     "lockstep", "packed", "joint", "overlap", "bank_memories"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"{name} must be a bool, not {getattr(self, name)!r}")
         for name, accepted in (("warp_fill", WARP_FILLS), ("order", ORDERS), ("records", RECORDS), ("lists", LISTS)):
@@ -183,9 +189,14 @@ class AcceleratorConfig:
             raise ValueError("stereo must be False in a machine with lists by super-tile: `paper` renders two eyes")
         if self.streams not in (1, MOST_STREAMS):
             raise ValueError(f"streams must be 1 or {MOST_STREAMS}, not {self.streams!r}")
-        for name, has in (("streams", self.streams > 1), ("packed frames", self.packed), ("joint frames", self.joint)):
+        for name, has in (("streams", self.streams > 1), ("packed frames", self.packed), ("joint frames", self.joint),
+                          ("overlapped phases", self.overlap)):
             if has and not self.supertiles:
                 raise ValueError(f"lists must be 'supertile' in a machine with {name}, not {self.lists!r}")
+        if self.joint and self.overlap:
+            raise ValueError("joint must be False in a machine with overlapped phases: it renders one eye")
+        if self.bank_memories and self.supertiles:
+            raise ValueError("bank_memories must be False in a machine with lists by super-tile")
         if self.stereo and not self.depth:
             raise ValueError(f"depth must be True in a machine with stereo, not {self.depth!r}")
         sigma = self.support_sigma
@@ -305,6 +316,8 @@ V3_EYES = V3.with_(name="v3_eyes", joint=True)
 V3_EYES_STREAMS = V3_EYES.with_(name="v3_eyes_streams", streams=4, packed=True)
 """Everything that V3 can have, for two eyes: four arrays, and frames that are packed."""
 TINY_EYES = TINY_V3.with_(name="tiny_eyes", joint=True)
+V3_OVERLAP = V3.with_(name="v3_overlap", overlap=True)
+TINY_OVERLAP = TINY_V3.with_(name="tiny_overlap", overlap=True)
 DEFAULT = V3.with_(name="default", culling_units=2, row_width=1280)
 HEADSET = V3.with_(name="headset", row_width=2208, list_heads=2048)
 """V3 for the eye of a headset, 2064 by 2208 pixels."""
@@ -322,10 +335,16 @@ FAST = PRECISE.with_(name="fast", sh_degree=1)
 PRESETS = {config.name: config for config in (PRECISE, BALANCED, FAST)}
 """The configurations that `make tradeoff` recommends, in order of descending accuracy."""
 
+FPGA = TINY.with_(
+    name="fpga", cores_x=2, cores_y=2, depth=False, row_width=256, sort_buffer_bytes=1024, merge_ways=2, bank_memories=True,
+    formats=SHORT_FORMATS)
+"""The machine of `make fpga`, which fits an FPGA of 84,000 lookup tables: the organisation of TINY with four pixel cores, whose
+banks are in memories, a smaller sorter, short formats, and no depth (docs/fpga.md)."""
+
 CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER, V3, *PRESETS.values())}
 
 MACHINES = CONFIGS | {config.name: config for config in (
-    TINY_V3, TINY_STREAMS, TINY_EYES, PAPER_BASE, PAPER_SMALL, V3_RECORDS, V3_PACKED, V3_STREAMS, V3_EYES, V3_EYES_STREAMS,
-    HEADSET)}
+    TINY_V3, TINY_STREAMS, TINY_EYES, TINY_OVERLAP, FPGA, PAPER_BASE, PAPER_SMALL, V3_RECORDS, V3_PACKED, V3_STREAMS,
+    V3_EYES, V3_EYES_STREAMS, V3_OVERLAP, HEADSET)}
 """What command lines take as a machine's name: those above, small ones for tests, the paper's baseline, PAPER with a smaller
 front end, and the steps from PAPER to V3 and beyond."""

@@ -52,11 +52,13 @@ class Limit:
 
 def with_every_register(config: AcceleratorConfig) -> tuple[AcceleratorConfig, AcceleratorConfig, AcceleratorConfig]:
     """Three machines that together have the registers of all machines with the same number formats: one with chunks and stereo,
-    one with lists by super-tile, which exclude stereo, and packed frames, and one with joint frames. Registers that a later one
-    has and no earlier one have the higher addresses; the third one lacks what the second one has already."""
-    chunked = config.with_(lockstep=False, streams=1, lists="tile", order="spatial", chunks=True, packed=False, joint=False)
-    supertiles = chunked.with_(stereo=False, records="compact", lists="supertile")
-    return chunked.with_(depth=True, stereo=True), supertiles.with_(packed=True), supertiles.with_(joint=True)
+    one with lists by super-tile, which exclude stereo, packed frames and overlapped phases, and one with joint frames, which
+    exclude overlapped phases. Registers that a later one has and no earlier one have the higher addresses; the third one lacks
+    what the second one has already."""
+    chunked = config.with_(lockstep=False, streams=1, lists="tile", order="spatial", chunks=True, packed=False, joint=False,
+                           overlap=False)
+    supertiles = chunked.with_(stereo=False, records="compact", lists="supertile", bank_memories=False)
+    return chunked.with_(depth=True, stereo=True), supertiles.with_(packed=True, overlap=True), supertiles.with_(joint=True)
 
 
 def settings(config: AcceleratorConfig) -> tuple[Setting, ...]:

@@ -22,7 +22,7 @@ class NumberFormats:
     quaternion: Fixed = SQ(0, 13)
     """Normalised quaternion components in memory."""
     log2_opacity: Fixed = SQ(4, 10)
-    """log2 of the amplified opacity; values from -16 to 7 are in use."""
+    """log2 of the amplified opacity. Our own models use values from -16 to 7, and a machine takes all."""
     sh_dc: Fixed = SQ(2, 11)
     """Base colour, SH_C0 * dc + 0.5, in memory; may be negative."""
     sh_rest: Fixed = SQ(1, 10)
@@ -65,7 +65,8 @@ class NumberFormats:
     curvature: Fixed = SQ(3, 14)
     """Second differences of the exponent."""
     cut: Fixed = SQ(3, 10)
-    """Exponent below which a pixel skips the splat; the input of the exponential has the same fraction bits."""
+    """Exponent below which a pixel skips the splat; the input of the exponential has the same fraction bits. It saturates for
+    opacities above 2^14, so that their splats end a little beyond their support."""
     alpha: Fixed = UQ(1, 12)
     """Alpha, 0..1 inclusive."""
     transmittance: Fixed = UQ(0, 15)

@@ -24,9 +24,10 @@ Splat records (`views`) are read further ahead: while the array works on blend t
 for the tiles after them.
 """
 
-SUPERTILE_READ_DEPTHS = READ_DEPTHS | {"tiles": 32}
+SUPERTILE_READ_DEPTHS = READ_DEPTHS | {"tiles": 32, "first": 32}
 """The same in machines with super-tiles. There the table of tiles is loaded at a tile per cycle, which takes 25 beats at a
-latency of 100 cycles; in other machines it is a smaller part of a frame."""
+latency of 100 cycles; in other machines it is a smaller part of a frame. `first` reads it in machines with overlapped phases,
+and the headers of chunks."""
 
 VIEWS_PENDING = 1024
 """Most intersections whose splat records have been requested before the array takes them. This is more than the splat records

@@ -16,6 +16,13 @@ memory, the addresses of their registers are empty. A memory client's number is 
 and is busy; from then on the host may write those of the next frame. The frame ends with `status.done`, or with `status.error`
 and a code. `start` is ignored while the machine is busy.
 
+**Two frames.** A machine whose phases overlap takes the next frame as soon as the first phase of the one before has ended and
+its second phase runs: `status.ready` says so. A frame that ends well sets `status.done` and counts in `frames`; frames end in
+the order in which they began. If a frame fails, or the host aborts, both end: `error.code` is that of the frame in its second
+phase and `error.first_code` that of the frame in its first, where there are such frames, and the one whose fault it is not has
+ABORTED. A start with a bad setting disturbs no other frame. The host gives frames two places in memory in turn, for all regions
+that the machine writes and for the tables of tiles, and reads the register `error` before the next start, which clears it.
+
 **Values.** A setting stands in the lowest bits of its register, in its own number format: two's complement where the format
 is signed fixed-point, the bit pattern where it is a small float. The bits above are ignored when written. When read, they
 repeat the sign of signed fixed-point numbers, so that an int32 comes back as it was written, and are 0 otherwise.
@@ -29,12 +36,12 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from enum import Enum
 
-from spec.codes import Code, ErrorCode, Phase
+from spec.codes import Phase
 from spec.config import AcceleratorConfig
 from spec.formats import Fixed, Format, SmallFloat
 from spec.host_settings import limits, settings, with_every_register
+from spec.register_fields import CONTROL, IDENTITY, Access, Bits, Register
 from spec.saturations import SATURATIONS
 from spec.stages import StagePhase, watched
 
@@ -46,13 +53,11 @@ MAGIC = 0x4D535632
 
 VERSION_MAJOR, VERSION_MINOR = 4, 0
 """Of this map. A higher minor version only adds registers; machines with stereo have the next one, those that pack frames the
-second, and those with joint frames the fourth. In version 3 every machine had the settings, clients and counters of splat
-records, which machines with lists by super-tile lack, and `machine_frame` and `machine_cache` had one number each. Version 2
-had no machines with chunks, whose settings and counters stand before those of stereo: these have moved. Version 1 had a field
-`sorting_units` in `machine_units`, which did nothing; versions below 1.2 no counters of saturated values."""
-
-CONTROL_BASE = 0x020
-"""Byte address of the first control register."""
+second, those with joint frames the fourth, and those with overlapped phases the eighth. In version 3 every machine had the
+settings, clients and counters of splat records, which machines with lists by super-tile lack, and `machine_frame` and
+`machine_cache` had one number each. Version 2 had no machines with chunks, whose settings and counters stand before those of
+stereo: these have moved. Version 1 had a field `sorting_units` in `machine_units`, which did nothing; versions below 1.2 no
+counters of saturated values."""
 
 SETTINGS_BASE = 0x100
 """Byte address of the first setting."""
@@ -83,67 +88,16 @@ CHUNK_READ_CLIENTS = ("chunks",)
 SUPERTILE_STAGES = watched(StagePhase.GEOMETRY, StagePhase.RENDERING, supertiles=True)
 """The watched stages of machines with lists by super-tile, in the order of the data."""
 
+OVERLAP_READ_CLIENTS = ("first",)
+"""Additional read clients of machines with overlapped phases: `first` reads the table of tiles, and then the chunks'
+headers, for the first phase, beside which the second one has the clients `tiles` and `chunks` for itself."""
+
 STEREO_STAGES = watched(StagePhase.SECOND_EYE)
 """Additional stages of machines with stereo; the input stream of `warp` are the rows that the warp unit takes."""
 
 STEREO_WRITE_CLIENTS = ("warp",)
 """Additional write clients of machines with stereo: `warp` writes the target eye's warped pixels. The client `frame` writes its
 rendered pixels."""
-
-
-class Access(Enum):
-    """What the host may do with a register, and what a write does."""
-
-    READ_ONLY = "read"
-    READ_WRITE = "read, write"
-    CLEARING = "read, write 1 to clear"
-
-
-@dataclass(frozen=True)
-class Bits:
-    """Some bits of a register.
-
-    Attributes:
-        name: name of the bits.
-        low: position of the lowest bit.
-        width: number of bits.
-        doc: what the bits mean.
-        strobe: whether writing 1 triggers an action; such bits always read 0.
-        values: the enumeration that the bits hold, if any.
-    """
-
-    name: str
-    low: int
-    width: int
-    doc: str
-    strobe: bool = False
-    values: type[Code] | None = None
-
-    @property
-    def mask(self) -> int:
-        """A mask of these bits in the register."""
-        return (1 << self.width) - 1 << self.low
-
-
-@dataclass(frozen=True)
-class Register:
-    """A register.
-
-    Attributes:
-        name: name in lower case, with underscores between words.
-        offset: byte address in the register space.
-        access: what the host may do with it.
-        doc: what it holds.
-        bits: its parts; where there are none, all 32 bits are one number.
-        format: number format, where the register is a setting.
-    """
-
-    name: str
-    offset: int
-    access: Access
-    doc: str
-    bits: tuple[Bits, ...] = ()
-    format: Format | None = None
 
 
 @dataclass(frozen=True)
@@ -213,7 +167,8 @@ def _stored(config: AcceleratorConfig, clients: tuple[str, ...]) -> tuple[str, .
 
 def read_clients(config: AcceleratorConfig) -> tuple[str, ...]:
     """The read clients of a machine, in the order of their AXI IDs."""
-    return _stored(config, READ_CLIENTS) + (CHUNK_READ_CLIENTS if config.chunks else ())
+    return _stored(config, READ_CLIENTS) + (CHUNK_READ_CLIENTS if config.chunks else ()) + (
+        OVERLAP_READ_CLIENTS if config.overlap else ())
 
 
 def write_clients(config: AcceleratorConfig) -> tuple[str, ...]:
@@ -235,7 +190,7 @@ def _common_events(config: AcceleratorConfig) -> dict[str, str]:
 
 def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
     """Every counter of a machine, in the order of its registers: first those of all machines, then those of chunks, of stereo
-    and of super-tiles, at the end those of saturated values."""
+    and of super-tiles and of overlapped phases, at the end those of saturated values."""
     phases = {"total": "in which the machine was busy"} | {
         p.name.lower(): f"of phase {p.name}" for p in (Phase.TABLE, Phase.GEOMETRY, Phase.RENDER)}
     per_stage = {"busy": "took an item", "starved": "had none to take", "blocked": "had one but could not take it"}
@@ -266,19 +221,23 @@ def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
         *(chunks if config.chunks else ()),
         *(stereo if config.stereo else ()),
         *(supertiles if config.supertiles else ()),
+        *(of_clients("read", OVERLAP_READ_CLIENTS) if config.overlap else ()),
         *(Counter(saturation.name, saturation.doc) for saturation in SATURATIONS),
     )
 
 
 def fingerprint(config: AcceleratorConfig) -> int:
-    """A hash of 32 bits that differs where machines differ in any parameter but their names and the lack of joint frames."""
-    text = repr(config.with_(name="any")).replace("joint=False, ", "").encode()
-    return int.from_bytes(hashlib.sha256(text).digest()[:4], "little")
+    """A hash of 32 bits that differs where machines differ in any parameter but their names. The lack of what older machines
+    did not know, joint frames, overlapped phases and banks in memories, leaves it as it was."""
+    text = repr(config.with_(name="any"))
+    for name in ("joint", "overlap", "bank_memories"):
+        text = text.replace(f"{name}=False, ", "")
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "little")
 
 
 def version_minor(config: AcceleratorConfig) -> int:
     """The minor version of a machine's map."""
-    return VERSION_MINOR + config.stereo + 2 * config.packed + 4 * config.joint
+    return VERSION_MINOR + config.stereo + 2 * config.packed + 4 * config.joint + 8 * config.overlap
 
 
 def identity(config: AcceleratorConfig) -> dict[str, int]:
@@ -288,75 +247,23 @@ def identity(config: AcceleratorConfig) -> dict[str, int]:
             config.cores_x, config.cores_y, config.levels, config.depth, config.incremental, config.counters, config.stereo,
             config.sh_degree, config.blend, config.chunks, config.compact, config.supertiles, config.packed,
             config.streams > 1),
-        "machine_units": (config.culling_units, config.joint, config.merge_ways, config.warp_lanes if config.stereo else 0),
+        "machine_units": (
+            config.culling_units, config.joint, config.overlap, config.merge_ways, config.warp_lanes if config.stereo else 0),
         "machine_frame": (config.row_width, *((config.list_heads, config.buckets) if config.supertiles else (0, 0))),
         "machine_cache": (config.header_lines, config.batch_places) if config.supertiles else (config.splat_cache_lines, 0),
     }
     values = {"id": MAGIC, "version": VERSION_MAJOR << 16 | version_minor(config), "fingerprint": fingerprint(config)}
-    for register in _IDENTITY:
+    for register in IDENTITY:
         if register.name in parts:
             values[register.name] = sum(
                 int(value) << bits.low for value, bits in zip(parts[register.name], register.bits, strict=True))
     return values | {"machine_sort_buffer": config.sort_buffer_bytes}
 
 
-_IDENTITY = (
-    Register("id", 0x000, Access.READ_ONLY, "0x4D535632 in every machine"),
-    Register("version", 0x004, Access.READ_ONLY, "version of this map", (
-        Bits("minor", 0, 16, "a higher one adds registers"), Bits("major", 16, 16, "a different one is not compatible"))),
-    Register("fingerprint", 0x008, Access.READ_ONLY, "differs where machines differ in any parameter or number format"),
-    Register("machine_array", 0x00C, Access.READ_ONLY, "parameters of the array", (
-        Bits("cores_x", 0, 8, "pixel cores in a row"), Bits("cores_y", 8, 8, "rows of pixel cores"),
-        Bits("levels", 16, 4, "foveation levels"), Bits("depth", 20, 1, "depth sums present"),
-        Bits("incremental", 21, 1, "stages hand over incrementally"), Bits("counters", 22, 1, "counters present"),
-        Bits("stereo", 23, 1, "frames of two eyes"), Bits("sh_degree", 24, 2, "highest degree of harmonics"),
-        Bits("blend", 26, 1, "tiles may blend two levels, where the machine has more than one"),
-        Bits("chunks", 27, 1, "Gaussians are read in chunks"), Bits("compact", 28, 1, "records are compact"),
-        Bits("supertiles", 29, 1, "lists by super-tile; no splat record is stored"),
-        Bits("packed", 30, 1, "frames for displays may be packed"),
-        Bits("streams", 31, 1, "four arrays, each with a stream of its own"))),
-    Register("machine_units", 0x010, Access.READ_ONLY, "parameters of the units around the array", (
-        Bits("culling_units", 0, 8, "culling and conversion units"),
-        Bits("joint", 8, 1, "frames of two eyes in one set of lists"), Bits("merge_ways", 16, 8, "runs merged at a time"),
-        Bits("warp_lanes", 24, 8, "rows warped side by side; 0 without stereo"))),
-    Register("machine_frame", 0x014, Access.READ_ONLY, "largest frame", (
-        Bits("row_width", 0, 16, "widest row in pixels"),
-        Bits("list_heads", 16, 15, "lists of a frame; 0 without super-tiles"),
-        Bits("buckets", 31, 1, "super-tiles have several lists each, by depth"))),
-    Register("machine_sort_buffer", 0x018, Access.READ_ONLY, "bytes of the double buffer before sorting"),
-    Register("machine_cache", 0x01C, Access.READ_ONLY, "caches of what the array needs", (
-        Bits("lines", 0, 18, "lines of the splat cache; with super-tiles, of the header cache"),
-        Bits("batch_places", 18, 14, "splat records in each half of the batch buffer; 0 without super-tiles"))),
-)
-
-_CONTROL = (
-    Register("control", CONTROL_BASE, Access.READ_WRITE, "commands", (
-        Bits("start", 0, 1, "begin a frame; ignored while busy", strobe=True),
-        Bits("abort", 1, 1, "end the frame with error ABORTED; ignored unless busy", strobe=True),
-        Bits("reset", 2, 1, "abort where busy; clear how the last frame ended: `done` and `error` of `status`, `error`, "
-             "`bad_setting`, `interrupt`", strobe=True),
-        Bits("clear", 3, 1, "set all counters to 0", strobe=True),
-        Bits("enable_done", 8, 1, "interrupt when a frame is done"),
-        Bits("enable_error", 9, 1, "interrupt when a frame ends with an error"))),
-    Register("status", CONTROL_BASE + 0x4, Access.READ_ONLY, "state of the frame", (
-        Bits("busy", 0, 1, "a frame is under way, or is being stopped"),
-        Bits("done", 1, 1, "the last frame is in memory; cleared by the next start"),
-        Bits("error", 2, 1, "the last frame ended early; cleared by the next start"),
-        Bits("phase", 8, 4, "what the machine is doing", values=Phase))),
-    Register("error", CONTROL_BASE + 0x8, Access.READ_ONLY, "why the last frame ended early", (
-        Bits("code", 0, 8, "cleared by the next start", values=ErrorCode),)),
-    Register("bad_setting", CONTROL_BASE + 0xC, Access.READ_ONLY,
-             "with BAD_SETTING: number of the first setting that is out of its limits, counted from 0 in their order"),
-    Register("error_clients", CONTROL_BASE + 0x10, Access.READ_ONLY, "clients whose accesses memory answered with an error"),
-    Register("interrupt", CONTROL_BASE + 0x14, Access.CLEARING, "pending causes of an interrupt, whether or not enabled", (
-        Bits("done", 0, 1, "a frame is done"), Bits("error", 1, 1, "a frame ended with an error"))),
-)
-
-
 def _control_registers(config: AcceleratorConfig) -> Iterator[Register]:
     clients = (Bits("read", 0, len(read_clients(config)), "one bit per read client"),
                Bits("write", 16, len(write_clients(config)), "one bit per write client"))
-    return (replace(r, bits=clients) if r.name == "error_clients" else r for r in _CONTROL)
+    return (replace(r, bits=clients) if r.name == "error_clients" else r for r in CONTROL)
 
 
 def _setting_registers(config: AcceleratorConfig) -> Iterator[Register]:
@@ -383,7 +290,7 @@ def _counter_registers(config: AcceleratorConfig) -> Iterator[Register]:
 
 def register_map(config: AcceleratorConfig) -> tuple[Register, ...]:
     """Every register, by ascending address."""
-    return (*_IDENTITY, *_control_registers(config), *_setting_registers(config), *_counter_registers(config))
+    return (*IDENTITY, *_control_registers(config), *_setting_registers(config), *_counter_registers(config))
 
 
 def is_signed(number: Format | None) -> bool:

@@ -43,6 +43,7 @@ class ArrayConstants(NamedTuple):
     cut_frac: int
     opacity_frac: int
     cut_min: int
+    cut_max: int
     support: int
     alpha_frac: int
     alpha_max_l1: int
@@ -67,7 +68,7 @@ def array_constants(config: AcceleratorConfig) -> ArrayConstants:
     return ArrayConstants(
         mean_frac=n.mean2d.frac_bits, sig_bits=n.conic.sig_bits, offset_frac=n.offset.frac_bits, offset_max=n.offset.raw_max,
         factor_frac=n.factor.frac_bits, grid=n.exponent.frac_bits, cut_frac=n.cut.frac_bits,
-        opacity_frac=n.log2_opacity.frac_bits, cut_min=tables.log2_alpha_min(n),
+        opacity_frac=n.log2_opacity.frac_bits, cut_min=tables.log2_alpha_min(n), cut_max=n.cut.raw_max,
         support=1 << 30 if support is None else support, alpha_frac=n.alpha.frac_bits, alpha_max_l1=tables.alpha_max_l1(n),
         t_max=n.transmittance.raw_max, t_stop=tables.t_stop(n),
         weight_drop=n.transmittance.frac_bits - n.weight.frac_bits,
@@ -154,7 +155,7 @@ def _gather(pairs, splats, order, use, bank, taken, level, left, top, k):
             pairs[_PAIR_RED + c * _BLOCK + j] = colour[i, level, c]
         pairs[_PAIR_DEPTH + j] = depth[i]
         opacity = log2_opacity[i, level]
-        pairs[_OPACITY + j], pairs[_CUT + j] = opacity, max(opacity - k.support, k.cut_min)
+        pairs[_OPACITY + j], pairs[_CUT + j] = opacity, min(max(opacity - k.support, k.cut_min), k.cut_max)
         pairs[_FALLOFF + j] = pairs[_OPACITY + j] - pairs[_CUT + j]
     return count, taken
 

@@ -194,6 +194,7 @@ class Case:
         eyes: by name, the frames of two eyes (`msv2.cases.eyes.TwoEyes`) that the machine plays; None if the case has none.
         chunks: by name, the frames of models in chunks (`msv2.cases.chunks.InChunks`); None if the case has none.
         supertiles: by name, the frames of super-tiles (`msv2.cases.supertiles.InSuperTiles`); None if the case has none.
+        raw: by name, the frames of words from elsewhere (`msv2.cases.raw_words.RawWords`); None if the case has none.
     """
 
     number: int
@@ -210,6 +211,7 @@ class Case:
     eyes: Callable[[], Mapping[str, Any]] | None = None
     chunks: Callable[[], Mapping[str, Any]] | None = None
     supertiles: Callable[[], Mapping[str, Any]] | None = None
+    raw: Callable[[], Mapping[str, Any]] | None = None
 
     @property
     def id(self) -> str:

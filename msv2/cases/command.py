@@ -20,6 +20,7 @@ from msv2.cases.check import Cell, cell
 from msv2.cases.fuzz import command as fuzz
 from msv2.cases.registry import CASES as SHOT_CASES
 from msv2.cases.report import FaultRow, Result, Row, added, read_record, table, write
+from msv2.cases.soak import command as soak
 from msv2.cases.streams import MachineCase
 from spec.command_line import add_out_argument, choice, command_parser
 from spec.errors import InputError
@@ -29,8 +30,8 @@ from spec.private import output_folder
 CASES: tuple[Case, ...] = tuple(sorted((*SHOT_CASES, *streams.CASES), key=lambda case: case.id))
 """The cases that renderers run, and those of the machine alone."""
 
-FUZZ = "fuzz"
-"""The first word of a command line for the fuzzer."""
+COMMANDS = {"fuzz": fuzz.main, "soak": soak.main}
+"""Commands of their own, by the first word of the command line."""
 
 GRADIENTS = "msv2.cases.gradients"
 """The module that runs the differentiable renderer, in a process of its own, so that this process needs no torch."""
@@ -45,6 +46,7 @@ examples:
   %(prog)s --case 06-needle-at-the-frustum     one case in all columns
   %(prog)s --columns rtl --add                 the machine; earlier results of other columns are kept
   %(prog)s fuzz --help                         spoilt files of every format that the project reads
+  %(prog)s soak --help                         random frames on the machine, for as long as wanted
 """
 
 
@@ -119,10 +121,10 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs the command line; returns 1 where a case fails or a fault is not caught. With `fuzz` first, runs that command."""
+    """Runs the command line; returns 1 where a case fails or a fault is not caught. With one of COMMANDS first, runs that."""
     argv = sys.argv[1:] if argv is None else argv
-    if argv[:1] == [FUZZ]:
-        return fuzz.main(argv[1:])
+    if argv and argv[0] in COMMANDS:
+        return COMMANDS[argv[0]](argv[1:])
     args = _arguments(argv)
     columns = args.columns.split(",")
     unknown = [name for name in columns if name not in COLUMNS]

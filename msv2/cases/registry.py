@@ -12,6 +12,7 @@ from msv2.cases import (
     inputs,
     order,
     projection,
+    raw_words,
     saturated,
     self_check,
     supertiles,
@@ -20,7 +21,8 @@ from msv2.cases.case import Case
 
 CASES: tuple[Case, ...] = tuple(sorted(
     (case for part in (
-        projection, coverage, inputs, colour, saturated, order, eyes, self_check, chunks, compact, supertiles, guard_band)
+        projection, coverage, inputs, colour, saturated, order, eyes, self_check, chunks, compact, supertiles, guard_band,
+        raw_words)
      for case in part.CASES),
     key=lambda case: case.id))
 

@@ -35,7 +35,7 @@ def frames_of(case: Case) -> dict[str, list[PlannedFrame]]:
     if case.eyes is not None:
         for name, eyes in case.eyes().items():
             found["two eyes"].append(planned(Played(f"{case.id}: {name}", eyes.frame, None, False), reset=False, poison=False))
-    for machine, frames in (("chunks", case.chunks), ("super-tiles", case.supertiles)):
+    for machine, frames in (("one eye", case.raw), ("chunks", case.chunks), ("super-tiles", case.supertiles)):
         for name, shot in (frames() if frames is not None else {}).items():
             played = Played(f"{case.id}: {name}", shot.check(name), None, False)
             found[machine].append(planned(played, reset=False, poison=False))

@@ -28,6 +28,7 @@ _COMMANDS = (
     Command("view", "look at a scene in the browser, with the machine's numbers beside it", "msv2.viewer.command"),
     Command("sim", "simulate one unit's RTL against the renderer", "tb.sim"),
     Command("synth", "synthesise a unit or a whole machine: area and timing", "synth.__main__"),
+    Command("fpga", "the machine with a RISC-V core as a bitstream for an ECP5, and in simulation", "msv2.fpga.command"),
     Command("perf", "count the cycles of a frame with the cycle model, in seconds instead of minutes", "perf.__main__"),
     Command("sweep", "cycles, area and energy over many settings of machine, frame and memory", "msv2.sweep.command"),
     Command("train", "train a foveated model from photographs or from a trained model", "golden.train"),

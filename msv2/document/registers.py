@@ -15,7 +15,7 @@ from spec import host_settings, registers
 from spec.codes import ErrorCode, Phase
 from spec.config import AcceleratorConfig
 from spec.paths import DOCS
-from spec.registers import Register
+from spec.register_fields import Register
 
 
 def _with_bits(group: list[Register]) -> list[str]:
@@ -82,7 +82,8 @@ def _clients(prefix: str, readers: Sequence[str], writers: Sequence[str]) -> lis
 
 def header(config: AcceleratorConfig = EVERY_MACHINE) -> str:
     """The C header of one machine: byte offsets, masks, enumerations; what a number means stands beside its register."""
-    common = config.with_(stereo=False, streams=1, packed=False, joint=False, chunks=False, records="wide", lists="tile")
+    common = config.with_(stereo=False, streams=1, packed=False, joint=False, overlap=False, chunks=False, records="wide",
+                          lists="tile")
     read_clients, write_clients = registers.read_clients(config), registers.write_clients(config)
     constants = {
         "MAGIC": f"0x{registers.MAGIC:08X}u", "VERSION_MAJOR_EXPECTED": registers.VERSION_MAJOR,

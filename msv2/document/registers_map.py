@@ -8,18 +8,18 @@ from dataclasses import replace
 from itertools import pairwise
 
 from msv2.document.text import attribute_docs
-from spec import registers
+from spec import register_fields, registers
 from spec.codes import Code
 from spec.config import PAPER, AcceleratorConfig
 from spec.host_settings import with_every_register
-from spec.registers import Register
+from spec.register_fields import Register
 
 EVERY_MACHINE, SUPERTILE_MACHINE, JOINT_MACHINE = with_every_register(PAPER)
 """The machines of the documents in docs/, which describe the first and what the others have besides. Together they have all
 registers; those that not all machines have are marked."""
 
 GROUPS = {
-    "Identity": 0, "Control": registers.CONTROL_BASE, "Settings": registers.SETTINGS_BASE,
+    "Identity": 0, "Control": register_fields.CONTROL_BASE, "Settings": registers.SETTINGS_BASE,
     "Counters": registers.COUNTERS_BASE, "": 1 << registers.REGISTER_ADDRESS_BITS}
 """Headings and the first address of each."""
 
@@ -28,7 +28,8 @@ _SUPERTILE = {register.name: register for machine in (JOINT_MACHINE, SUPERTILE_M
 
 _ADDED = {
     register.name: f" (only with {what})"
-    for what, machine in (("joint frames", JOINT_MACHINE), ("packed frames", SUPERTILE_MACHINE),
+    for what, machine in (("joint frames", JOINT_MACHINE), ("overlapped phases", SUPERTILE_MACHINE),
+                          ("packed frames", SUPERTILE_MACHINE.with_(overlap=False)),
                           ("super-tiles", JOINT_MACHINE.with_(joint=False)),
                           ("chunks", PAPER.with_(order="spatial", chunks=True)), ("stereo", PAPER.with_(stereo=True)))
     for register in registers.register_map(machine)} | {

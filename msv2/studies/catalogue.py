@@ -126,6 +126,8 @@ STUDIES = (
           "energies of operations, measured on mapped netlists at work",
           (Report("--keep", ("energy_per_operation.json",), 120, f"{SCENES}, {PDK}"),)),
     Study("equivalence", "msv2.studies.equivalence.study", "whether the hardware of two commits is the same"),
+    Study("formal", "msv2.studies.formal.study", "claims of the units, proven for all inputs",
+          (Report("--keep", _files("formal", "json", "md"), 30, "the extra `synth`"),)),
     Study("fpga", "msv2.studies.fpga.study", "LUTs, flip-flops, memories and multipliers of every unit on FPGAs",
           (Report("--keep", ("fpga.json",), 30),)),
     Study("frames", "msv2.studies.results.study", "frames through the RTL, compared with the golden renderer in every bit",
@@ -136,6 +138,9 @@ STUDIES = (
           (Report("--keep", ("frames_streams.json",), 20, SCENES),), ("--only", "frames_streams")),
     Study("frames_eyes", "msv2.studies.results.study", "joint frames of both eyes on `v3_eyes`, through the RTL",
           (Report("--keep", ("frames_eyes.json",), 20, SCENES),), ("--only", "frames_eyes")),
+    Study("frames_overlap", "msv2.studies.overlap.rtl",
+          "frames in a row on `v3_overlap`, through the RTL and by the cycle model",
+          (Report("--keep", _files("frames_overlap", "json", "md"), 20, SCENES),)),
     Study("gallery", "msv2.studies.gallery.study", "a frame of a scene in every way of drawing it, and the README's pictures",
           (Report("--keep", ("docs/gallery.md", *(f"docs/images/{name}" for name in (
               "foveated.png", "renderers.png", "film.webp", "film.png", *(

@@ -69,6 +69,9 @@ class PerformanceCounters(wiring.Component):
         target: level: this is the pass of the target eye; only with stereo.
         clear: strobe: set all counters to 0.
         finished: strobe: a frame has ended.
+        first_phase, phase: with overlapped phases, those of the frame in its first phase and of the one in its second.
+        busy: level: a frame is in a phase; only with overlapped phases.
+        first_finished: strobe: a frame has ended before its second phase; only with overlapped phases.
         next_pass: strobe: the source eye's pass has ended, and `events` are those of this pass; only with stereo.
         stage_valid, stage_ready: `valid` and `ready` of the stages' input streams, in the order of `spec.registers.stages`.
         read_beats, write_beats: one bit per client, strobes.
@@ -89,6 +92,7 @@ class PerformanceCounters(wiring.Component):
             "read_beats": In(len(read_clients(config))), "write_beats": In(len(write_clients(config))),
             "events": In(events_layout(config)), "counters": Out(counters_layout(config)),
             **({"target": In(1), "next_pass": In(1)} if config.stereo else {}),
+            **({"first_phase": In(unsigned(Phase.width())), "busy": In(1), "first_finished": In(1)} if config.overlap else {}),
         })
 
     def elaborate(self, platform: object) -> Module:
@@ -103,7 +107,7 @@ class PerformanceCounters(wiring.Component):
         m.submodules.stages = watch = StageCounters(len(names))
         phase, clear, finished = registered("phase"), registered("clear"), registered("finished")
         read_beats, write_beats = registered("read_beats"), registered("write_beats")
-        active = phase != Phase.IDLE
+        active = registered("busy") if self.config.overlap else phase != Phase.IDLE
         m.d.comb += [
             watch.valid.eq(registered("stage_valid")), watch.ready.eq(registered("stage_ready")), watch.active.eq(active),
             watch.clear.eq(clear)]
@@ -113,6 +117,10 @@ class PerformanceCounters(wiring.Component):
 
         steps: dict[str, Value] = {"cycles_total": active, "frames": finished}
         steps |= {f"cycles_{p.name.lower()}": phase == p for p in (Phase.TABLE, Phase.GEOMETRY, Phase.RENDER)}
+        if self.config.overlap:
+            first = registered("first_phase")
+            steps["frames"] = finished + registered("first_finished")
+            steps |= {f"cycles_{p.name.lower()}": first == p for p in (Phase.TABLE, Phase.GEOMETRY)}
         steps |= {f"read_beats_{name}": read_beats[i] for i, name in enumerate(read_clients(self.config))}
         steps |= {f"write_beats_{name}": write_beats[i] for i, name in enumerate(write_clients(self.config))}
         final, happened = finished, self.events

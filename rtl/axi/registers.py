@@ -16,6 +16,7 @@ from spec.memory import frame_settings
 from spec.registers import (
     COUNTERS_BASE,
     Access,
+    Bits,
     Register,
     counters,
     identity,
@@ -50,6 +51,14 @@ class RegisterFile(wiring.Component):
         counters: the counters, as `counters_layout`; only where the machine has counters.
         interrupt: level: an enabled interrupt is pending.
 
+    With overlapped phases `start` comes while a frame is in its second phase, and `settings`, `finished`, `error`, `phase` are
+    of one phase each:
+        settings: those of the frame in its first phase; stable until `hand_over` or `first_finished`.
+        hand_over: strobe: the frame in its first phase goes into its second one.
+        finished, error, phase: of the frame in its second phase. first_finished, first_error, first_phase: of the one in its
+            first, which only ends there if it fails. Frames that end without errors may be told apart by the counter `frames`.
+        first_busy: level: no frame may begin.
+
     Throughput: that of `LiteSlave`. Latency: two cycles from the write of `control.start` to `start`; settings are checked in
     between::
 
@@ -72,6 +81,8 @@ class RegisterFile(wiring.Component):
             "finished": In(1), "error": In(unsigned(ErrorCode.width())), "busy": In(1), "phase": In(unsigned(Phase.width())),
             "read_errors": In(len(read_clients(config))), "write_errors": In(len(write_clients(config))), "interrupt": Out(1),
             **({"counters": In(counters_layout(config))} if config.counters else {}),
+            **({"first_finished": In(1), "first_error": In(unsigned(ErrorCode.width())), "first_busy": In(1),
+                "first_phase": In(unsigned(Phase.width())), "hand_over": In(1)} if config.overlap else {}),
         })
 
     def elaborate(self, platform: object) -> Module:
@@ -83,7 +94,7 @@ class RegisterFile(wiring.Component):
         written = {s.name: Signal(s.field.format.width, name=s.name) for s in settings(self.config)}
         commands = self._commands(m, slave)
         values = {name: Value.cast(value) for name, value in identity(self.config).items()}
-        values |= self._frame(m, slave, commands, written)
+        values |= (self._frames if self.config.overlap else self._frame)(m, slave, commands, written)
         values |= {name: signal.as_signed() if is_signed(self._registers[name].format) else signal
                    for name, signal in written.items()}
         values |= self._counters(m, slave)
@@ -135,14 +146,7 @@ class RegisterFile(wiring.Component):
         with m.Elif(self.finished):
             m.d.sync += [running.eq(0), forgetting.eq(0)]
 
-        enables = [bits for bits in self._registers["control"].bits if not bits.strobe]
-        with m.If(self._is_written(slave, "control")):
-            for place, bits in enumerate(enables):
-                with m.If(slave.write_bytes[bits.low // 8]):
-                    m.d.sync += enabled[place].eq(slave.write_data[bits.low])
-        with m.If(self._is_written(slave, "interrupt") & slave.write_bytes[0]):
-            m.d.sync += pending.eq(pending & ~slave.write_data[:2])
-
+        enables = self._interrupts(m, slave, pending, enabled)
         with m.If(begins):
             m.d.sync += [done.eq(0), failed.eq(0), code.eq(ErrorCode.NONE)]
         with m.If(ends & (self.error == ErrorCode.NONE)):
@@ -160,6 +164,74 @@ class RegisterFile(wiring.Component):
             "status": _packed(
                 self._registers["status"], {"busy": busy, "done": done, "error": failed, "phase": self.phase}),
             "error": code, "bad_setting": number, "interrupt": pending,
+            "error_clients": _packed(
+                self._registers["error_clients"], {"read": self.read_errors, "write": self.write_errors})}
+
+    def _interrupts(self, m: Module, slave: LiteSlave, pending: Signal, enabled: Signal) -> list[Bits]:
+        """Writes of the enables of interrupts, whose bits of `control` are returned, and of causes that are cleared."""
+        enables = [bits for bits in self._registers["control"].bits if not bits.strobe]
+        with m.If(self._is_written(slave, "control")):
+            for place, bits in enumerate(enables):
+                with m.If(slave.write_bytes[bits.low // 8]):
+                    m.d.sync += enabled[place].eq(slave.write_data[bits.low])
+        with m.If(self._is_written(slave, "interrupt") & slave.write_bytes[0]):
+            m.d.sync += pending.eq(pending & ~slave.write_data[:2])
+        return enables
+
+    def _frames(
+        self, m: Module, slave: LiteSlave, commands: dict[str, Value], written: dict[str, Signal],
+    ) -> dict[str, Value]:
+        """The same as `_frame` for two frames in flight. What is known of each moves from its first to its second phase with
+        `hand_over`."""
+        copying, checked = Signal(), Signal()
+        running, forgetting = ([Signal(name=f"{name}_{place}") for place in ("first", "second")]
+                               for name in ("running", "forgetting"))
+        done, failed, pending, enabled = Signal(), Signal(), Signal(2), Signal(2)
+        code, first_code, number = Signal(ErrorCode.width()), Signal(ErrorCode.width()), Signal(range(self._numbers))
+        illegal, wrong = self._check(m, written)
+        busy, taken, ends, first_ends, begins = Signal(), Signal(), Signal(), Signal(), Signal()
+        m.d.comb += [
+            taken.eq(copying | checked | running[0] | self.first_busy), busy.eq(taken | running[1] | self.busy),
+            begins.eq(commands["start"] & ~taken), self.start.eq(checked & ~illegal),
+            ends.eq(self.finished & ~forgetting[1]), first_ends.eq(self.first_finished & ~forgetting[0])]
+        m.d.sync += [
+            copying.eq(begins), checked.eq(copying), self.clear.eq(commands["clear"]),
+            self.abort.eq((commands["abort"] | commands["reset"]) & busy), self.interrupt.eq((pending & enabled).any())]
+        with m.If(copying):
+            m.d.sync += Value.cast(self.settings).eq(Cat(written.values()))
+        with m.If(self.finished):
+            m.d.sync += [running[1].eq(0), forgetting[1].eq(0)]
+        with m.If(self.first_finished | self.hand_over):
+            m.d.sync += [running[0].eq(0), forgetting[0].eq(0)]
+        with m.If(self.hand_over):
+            m.d.sync += [running[1].eq(1), forgetting[1].eq(forgetting[0])]
+        with m.If(self.start):
+            m.d.sync += running[0].eq(1)
+
+        enables = self._interrupts(m, slave, pending, enabled)
+        with m.If(begins):
+            m.d.sync += [done.eq(0), failed.eq(0), code.eq(ErrorCode.NONE), first_code.eq(ErrorCode.NONE)]
+        with m.If(ends & (self.error == ErrorCode.NONE)):
+            m.d.sync += [done.eq(1), pending[0].eq(1)]
+        with m.If(ends & (self.error != ErrorCode.NONE)):
+            m.d.sync += [failed.eq(1), pending[1].eq(1), code.eq(self.error)]
+        with m.If(first_ends):
+            m.d.sync += [failed.eq(1), pending[1].eq(1), first_code.eq(self.first_error)]
+        with m.If(checked & illegal):
+            m.d.sync += [failed.eq(1), pending[1].eq(1), first_code.eq(ErrorCode.BAD_SETTING), number.eq(wrong)]
+        with m.If(commands["reset"]):
+            m.d.sync += [
+                checked.eq(0), done.eq(0), failed.eq(0), pending.eq(0), code.eq(ErrorCode.NONE),
+                first_code.eq(ErrorCode.NONE), number.eq(0),
+                forgetting[0].eq((running[0] & ~self.first_finished & ~self.hand_over) | self.start),
+                forgetting[1].eq((running[1] & ~self.finished) | self.hand_over)]
+        return {
+            "control": _packed(self._registers["control"], {bits.name: enabled[i] for i, bits in enumerate(enables)}),
+            "status": _packed(self._registers["status"], {
+                "busy": busy, "done": done, "error": failed, "ready": ~taken, "phase": self.phase,
+                "first_phase": self.first_phase}),
+            "error": _packed(self._registers["error"], {"code": code, "first_code": first_code}),
+            "bad_setting": number, "interrupt": pending,
             "error_clients": _packed(
                 self._registers["error_clients"], {"read": self.read_errors, "write": self.write_errors})}
 

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 from amaranth.hdl import Cat, Const, Module, Mux, ShapeLike, Signal, Value
 from amaranth.lib import data, memory, stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import In, Member, Out
 
 from rtl.culling.dataflow import Dataflow, Node, Operator, as_value
 from rtl.culling.schedule import Schedule, schedule
 from rtl.emit import add_shared
 from rtl.float.number import Let
 from rtl.float.unit import FloatUnit
+
+
+def setting_members(graph: Dataflow) -> dict[str, Member]:
+    """Ports for the settings of a graph, by name; a setting of several numbers is an array."""
+    return {name: In(nodes[0].shape if len(nodes) == 1 else data.ArrayLayout(nodes[0].shape, len(nodes)))
+            for name, nodes in graph.ports.items()}
 
 
 def _make(kind: Operator) -> FloatUnit:
@@ -55,12 +62,9 @@ class Datapath(wiring.Component):
             raise TypeError(f"graph must be a Dataflow, not {graph!r}")
         self.schedule = schedule(graph, interval)
         self._graph, self._interval, self._carried = graph, interval, carried
-        ports = {
-            name: In(nodes[0].shape if len(nodes) == 1 else data.ArrayLayout(nodes[0].shape, len(nodes)))
-            for name, nodes in graph.ports.items()}
         super().__init__({
             "sink": In(stream.Signature(graph.input_layout(carried))),
-            "source": Out(stream.Signature(graph.output_layout(carried))), **ports})
+            "source": Out(stream.Signature(graph.output_layout(carried))), **setting_members(graph)})
 
     @property
     def setting_names(self) -> tuple[str, ...]:
@@ -69,7 +73,7 @@ class Datapath(wiring.Component):
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        work = _Elaboration(m, platform, self, self.schedule)
+        work = Elaboration(m, platform, self, self.schedule)
         work.control()
         work.operators()
         work.registers()
@@ -77,7 +81,7 @@ class Datapath(wiring.Component):
         return m
 
 
-class _Elaboration:
+class Elaboration:
     """The hardware of one datapath under construction."""
 
     def __init__(self, m: Module, platform: object, unit: Datapath, plan: Schedule) -> None:
@@ -94,16 +98,25 @@ class _Elaboration:
     def control(self) -> None:
         """The phase, the shift register of slots that hold data, and the entry of slots."""
         m, sink, rows = self.m, self.unit.sink, self.plan.depth
-        self.phase = Signal(self.interval, init=1)
-        if self.interval > 1:
-            m.d.sync += self.phase.eq(self.phase.rotate_left(1))
+        self.entering: data.View = sink.payload
+        self.turns()
         self.free = Signal(range(rows + 1), init=rows)
         self.enter = Signal()
         m.d.comb += [sink.ready.eq(self.phase[0] & (self.free != 0)), self.enter.eq(sink.valid & sink.ready)]
+        self.follow()
+
+    def turns(self) -> None:
+        """The phase: which of `interval` cycles this is."""
+        self.phase = Signal(self.interval, init=1)
+        if self.interval > 1:
+            self.m.d.sync += self.phase.eq(self.phase.rotate_left(1))
+
+    def follow(self) -> None:
+        """The shift register of slots that hold data."""
         rounds = -(-self.plan.length // self.interval)
         self.active = Signal(rounds)
-        with m.If(self.phase[0]):
-            m.d.sync += self.active.eq(Cat(self.enter, self.active)[:rounds])
+        with self.m.If(self.phase[0]):
+            self.m.d.sync += self.active.eq(Cat(self.enter, self.active)[:rounds])
 
     def now(self, cycle: int) -> Value:
         """Whether a slot with data entered `cycle` cycles ago."""
@@ -119,14 +132,23 @@ class _Elaboration:
         if node.kind == "constant":
             return node.fn()
         if node.kind == "setting":
-            return self.setting(node)
+            return self.setting(node, cycle)
         place = self.plan.place(node, cycle)
         return self.chain[node][place - 1] if place else self.at_birth(node)
 
-    def setting(self, node: Node) -> Value:
+    def setting(self, node: Node, cycle: int) -> Value:
+        """A setting of the slot that entered `cycle` cycles ago."""
+        return self.port(node, self.unit)
+
+    def era(self, node: Node, cycle: int) -> int:
+        """Differs where an operation that reads the node in one cycle may not read it in another one: never here."""
+        return 0
+
+    def port(self, node: Node, ports: Any) -> Value:
+        """The port of a setting among `ports`."""
         for name, nodes in self.unit._graph.ports.items():
             if node in nodes:
-                port = getattr(self.unit, name)
+                port = getattr(ports, name)
                 return port if len(nodes) == 1 else port[nodes.index(node)]
         raise KeyError(node.name)
 
@@ -134,7 +156,7 @@ class _Elaboration:
         """The wire of a value in the cycle of its birth."""
         if node not in self.origin:
             if node.kind == "input":
-                value = self.unit.sink.payload[node.name]
+                value = self.entering[node.name]
             else:
                 value = Signal(node.shape, name=node.name)
                 operands = [self.read(operand, self.plan.start[node]) for operand in node.operands]
@@ -168,8 +190,9 @@ class _Elaboration:
                 def value(node: Node, port: int = port) -> Value:
                     return self.read(node.operands[port], self.plan.start[node])
 
-                def key(node: Node, port: int = port) -> tuple[Node, int]:
-                    return node.operands[port], self.plan.place(node.operands[port], self.plan.start[node])
+                def key(node: Node, port: int = port) -> tuple[Node, int, int]:
+                    operand, start = node.operands[port], self.plan.start[node]
+                    return operand, self.plan.place(operand, start), self.era(operand, start)
 
                 self.choose(enter(operand), f"{name}_{operand}", nodes, value, key)
             if hasattr(instance, "subtract"):
@@ -224,18 +247,25 @@ class _Elaboration:
                 value = register
 
     def queue(self) -> None:
-        """The output queue: outputs are written into their slot's row at their birth, and rows are read in order to the
-        source."""
-        m, source, plan, rows = self.m, self.unit.source, self.plan, self.plan.depth
+        """The output queue."""
+        self.output(self.unit.source, self.free, self.enter, self.now)
+
+    def output(
+        self, source: stream.Interface, free: Signal, enter: Value, now: Callable[[int], Value], prefix: str = "",
+    ) -> None:
+        """An output queue: outputs are written into their slot's row at their birth, and rows are read in order to the
+        source. `now` is that method, or what it finds of those slots that leave here; `enter` says that one enters."""
+        m, plan, rows = self.m, self.plan, self.plan.depth
         fetch, read, done = Signal(), Signal(range(rows)), Signal(range(rows + 1))
         fields = {name: (node.shape, self.at_birth_of(node), plan.birth(node)) for name, node in plan.graph.outputs.items()}
         if self.unit._carried is not None:
-            fields["carried"] = (self.unit._carried, self.unit.sink.payload.carried, 0)
+            fields["carried"] = (self.unit._carried, self.entering.carried, 0)
         for born in sorted({born for _, _, born in fields.values()}):
-            self.rows({name: (of, value) for name, (of, value, b) in fields.items() if b == born}, born, fetch, read)
-        finished = self.now(plan.length)
+            kept = {name: (of, value) for name, (of, value, b) in fields.items() if b == born}
+            self.rows(kept, source, now(born), fetch, read, f"{prefix}{born}")
+        finished = now(plan.length)
         m.d.comb += fetch.eq((done != 0) & (source.ready | ~source.valid))
-        m.d.sync += [self.free.eq(self.free + fetch - self.enter), done.eq(done + finished - fetch)]
+        m.d.sync += [free.eq(free + fetch - enter), done.eq(done + finished - fetch)]
         with m.If(source.ready | ~source.valid):
             m.d.sync += source.valid.eq(done != 0)
         with m.If(fetch):
@@ -245,16 +275,19 @@ class _Elaboration:
         """The value of an output at its birth; views of nodes are applied."""
         return as_value(node.fn(self.at_birth_of(node.operands[0]))) if node.kind == "view" else self.at_birth(node)
 
-    def rows(self, fields: dict[str, tuple[ShapeLike, Value]], born: int, fetch: Value, read: Value) -> None:
-        """The memory of the queue for the outputs that are born `born` cycles after their slot entered."""
+    def rows(
+        self, fields: dict[str, tuple[ShapeLike, Value]], source: stream.Interface, born: Value, fetch: Value, read: Value,
+        name: str,
+    ) -> None:
+        """The memory of a queue for the outputs that are born in the same cycle."""
         m, rows = self.m, self.plan.depth
         layout = data.StructLayout({name: of for name, (of, _) in fields.items()})
-        m.submodules[f"rows_{born}"] = words = memory.Memory(shape=layout, depth=rows, init=[])
-        write_port, read_port, write = words.write_port(), words.read_port(), Signal(range(rows), name=f"write_{born}")
+        m.submodules[f"rows_{name}"] = words = memory.Memory(shape=layout, depth=rows, init=[])
+        write_port, read_port, write = words.write_port(), words.read_port(), Signal(range(rows), name=f"write_{name}")
         m.d.comb += [
-            write_port.en.eq(self.now(born)), write_port.addr.eq(write), read_port.en.eq(fetch), read_port.addr.eq(read)]
-        for name, (_, value) in fields.items():
-            m.d.comb += [write_port.data[name].eq(value), self.unit.source.payload[name].eq(read_port.data[name])]
+            write_port.en.eq(born), write_port.addr.eq(write), read_port.en.eq(fetch), read_port.addr.eq(read)]
+        for field, (_, value) in fields.items():
+            m.d.comb += [write_port.data[field].eq(value), source.payload[field].eq(read_port.data[field])]
         with m.If(write_port.en):
             m.d.sync += write.eq(_next(write, rows))
 

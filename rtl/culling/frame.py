@@ -9,6 +9,7 @@ from amaranth.lib import data
 from amaranth.lib.wiring import In, Member
 
 from rtl.culling.datapath import Datapath
+from rtl.culling.shared_datapath import DatapathSide
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.memory import frame_settings
@@ -26,7 +27,7 @@ def setting_ports(config: AcceleratorConfig, names: Iterable[str]) -> dict[str, 
     return {name: In(fields[name].shape) for name in names}
 
 
-def connect_settings(m: Module, unit: object, datapath: Datapath) -> None:
+def connect_settings(m: Module, unit: object, datapath: Datapath | DatapathSide) -> None:
     """Connects the unit's settings to the ports of its datapath that have the same names."""
     for name in datapath.setting_names:
         m.d.comb += getattr(datapath, name).eq(getattr(unit, name))

@@ -12,6 +12,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.culling.dataflow import Dataflow
 from rtl.culling.datapath import Datapath
 from rtl.culling.frame import COUNTER_BITS, connect_settings, count_items, flatten, setting_ports
+from rtl.culling.shared_datapath import DatapathSide, SharedDatapath
 from rtl.culling.values import order
 from rtl.fixed import as_integer
 from rtl.shapes import layout, shape
@@ -95,12 +96,18 @@ def _kept(config: AcceleratorConfig) -> dict[str, ShapeLike]:
     return {name: field.shape for name, field in layout(point_record(config)) if name not in ("mean", "position")}
 
 
+def near_shared(config: AcceleratorConfig) -> SharedDatapath:
+    """The datapath of the near tests of both phases, in machines whose phases overlap."""
+    return SharedDatapath(near_graph(config), interval=config.point_interval, carried=data.StructLayout(_kept(config)))
+
+
 class NearTest(wiring.Component):
     """Passes on the Gaussians that may be visible, and drops the others. In machines with joint frames it passes on all of
     them, with the tests' results, because what becomes of a Gaussian depends on both eyes (`rtl.culling.eyes`).
 
     Parameters:
         config: the machine; a Gaussian enters every `point_interval` cycles.
+        side: this unit's side of a datapath that it shares; None where it has its own.
 
     Ports:
         sink: GaussianPoint items, in machines with joint frames EyePoint items; a frame ends with an item with `end`.
@@ -115,18 +122,20 @@ class NearTest(wiring.Component):
     `near_graph`.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig, side: DatapathSide | None = None) -> None:
         super().__init__({
             **setting_ports(config, settings(config)),
             "sink": In(stream.Signature(layout(point_record(config)))),
             "source": Out(stream.Signature(survivor_layout(config))),
             **({} if config.joint else {"culled_near": Out(COUNTER_BITS), "culled_faint": Out(COUNTER_BITS)})})
         self._joint, self._carried = config.joint, data.StructLayout(_kept(config))
-        self.datapath = Datapath(near_graph(config), interval=config.point_interval, carried=self._carried)
+        self.datapath = side or Datapath(near_graph(config), interval=config.point_interval, carried=self._carried)
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        m.submodules.datapath = path = self.datapath
+        path = self.datapath
+        if isinstance(path, Datapath):
+            m.submodules.datapath = path
         connect_settings(m, self, path)
         point, entry = self.sink.payload, path.sink.payload
         found, left = path.source.payload, self.source.payload

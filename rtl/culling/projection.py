@@ -14,6 +14,7 @@ from rtl.culling.eyes import judged_splat
 from rtl.culling.frame import COUNTER_BITS, connect_settings, count_items, flatten, setting_ports
 from rtl.culling.near import limit_format, survivor_layout
 from rtl.culling.saturations import at_limit
+from rtl.culling.shared_datapath import DatapathSide, SharedDatapath
 from rtl.culling.values import at_least_smallest, clamp, doubled, rescale, widen
 from rtl.fixed import as_integer, saturate
 from rtl.shapes import layout
@@ -167,12 +168,26 @@ def projection_graph(config: AcceleratorConfig) -> Dataflow:
     return _Projection(config).build()
 
 
+def _carried(config: AcceleratorConfig) -> data.StructLayout:
+    """What passes beside projection."""
+    survivor = survivor_layout(config)
+    return data.StructLayout({
+        name: survivor[name].shape for name in ("index", "bound", "log2_opacity", "offset", "depth", "end", *(
+            ("eye", "behind", "faint") if config.joint else ()))})
+
+
+def projection_shared(config: AcceleratorConfig) -> SharedDatapath:
+    """The datapath of the projections of both phases, in machines whose phases overlap."""
+    return SharedDatapath(projection_graph(config), interval=config.point_interval, carried=_carried(config))
+
+
 class Projection(wiring.Component):
     """Turns survivors of the near test into splats, and drops splats whose box lies outside the frame or whose mean lies beyond
     the guard band (`spec.guard_band`). In machines with joint frames it drops none and gives the tests' results.
 
     Parameters:
         config: the machine; a Gaussian enters every `point_interval` cycles.
+        side: this unit's side of a datapath that it shares; None where it has its own.
 
     Ports:
         sink: `survivor_layout` items; a frame ends with an item with `end`.
@@ -189,22 +204,21 @@ class Projection(wiring.Component):
     `projection_graph`.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig, side: DatapathSide | None = None) -> None:
         self._splat, self._joint = layout(projected_splat(config)), config.joint
         super().__init__({
             **setting_ports(config, SETTINGS),
             "sink": In(stream.Signature(survivor_layout(config))),
             "source": Out(stream.Signature(judged_splat(config) if config.joint else self._splat)),
             **({} if config.joint else {"culled_outside": Out(COUNTER_BITS), "saturated_means": Out(COUNTER_BITS)})})
-        graph, survivor = projection_graph(config), survivor_layout(config)
-        self._carried = data.StructLayout({
-            name: survivor[name].shape for name in ("index", "bound", "log2_opacity", "offset", "depth", "end", *(
-                ("eye", "behind", "faint") if config.joint else ()))})
-        self.datapath = Datapath(graph, interval=config.point_interval, carried=self._carried)
+        self._carried = _carried(config)
+        self.datapath = side or Datapath(projection_graph(config), interval=config.point_interval, carried=self._carried)
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        m.submodules.datapath = path = self.datapath
+        path = self.datapath
+        if isinstance(path, Datapath):
+            m.submodules.datapath = path
         connect_settings(m, self, path)
         point, entry = self.sink.payload, path.sink.payload
         found, splat = path.source.payload, self.source.payload.splat if self._joint else self.source.payload

@@ -11,6 +11,7 @@ from rtl.culling.eyes import EyeCulls, EyePoints
 from rtl.culling.frame import COUNTER_BITS, setting_ports
 from rtl.culling.near import NearTest
 from rtl.culling.projection import Projection
+from rtl.culling.shared_datapath import DatapathSide
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
 from spec.records import gaussian_point, projected_splat
@@ -38,6 +39,7 @@ class ProjectionUnit(wiring.Component):
 
     Parameters:
         config: the machine.
+        sides: the sides of the datapaths of near test and projection, where the unit shares these.
 
     Ports:
         sink: GaussianPoint items; a frame ends with an item with `end`.
@@ -58,7 +60,7 @@ class ProjectionUnit(wiring.Component):
     150 cycles. Storage: the datapaths' output queues, with space for all Gaussians in the pipeline.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig, sides: tuple[DatapathSide, DatapathSide] | None = None) -> None:
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         super().__init__({
@@ -66,7 +68,8 @@ class ProjectionUnit(wiring.Component):
             "sink": In(stream.Signature(layout(gaussian_point(config)))),
             "source": Out(stream.Signature(layout(projected_splat(config)))),
             **{name: Out(COUNTER_BITS) for name in COUNTS}})
-        self._config, self.near_test, self.projection = config, NearTest(config), Projection(config)
+        near_side, side = sides or (None, None)
+        self._config, self.near_test, self.projection = config, NearTest(config, near_side), Projection(config, side)
 
     def elaborate(self, platform: object) -> Module:
         m = Module()

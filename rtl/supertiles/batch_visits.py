@@ -88,6 +88,7 @@ class BatchVisits(wiring.Component):
         items: `item_layout` items: the places of each visit in order, then one with `end`. The last item of a batch has
             `closes`; it is one with `none` where no visit of the batch comes last, because all tiles that were left have
             stopped.
+            An item that has not been taken is not held: when its tile stops, it becomes the end of the visit or is withdrawn.
         done, current, joint, shift: as those of BatchBuffer.
         waiting, waiting_half, read_en, read_tile, read_word, read_half, read_data: of BatchMasks.
         busy: a batch is inside.

@@ -78,7 +78,8 @@ class PairWriter(wiring.Component):
         full: there was no free space for a pair: the region has too few beats for the frame's first pages or for the page that
             the pair needed, or its list has all its pages. This pair and all that follow are neither written nor passed on.
             High until the next frame's first item.
-        busy: high from a frame's first item until its `end` has left, and while places are cleared after a reset.
+        busy: high from a frame's first item until nothing of it but the `end` at `hits` is inside, and while places are cleared
+            after a reset.
 
     A pair whose list is outside the frame is passed on in any case, but not written.
 

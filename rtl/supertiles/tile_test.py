@@ -3,12 +3,18 @@ the second."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import reduce
+from operator import or_
+from typing import Any
+
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
-from amaranth.lib import stream, wiring
+from amaranth.lib import data, stream, wiring
 from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
 from rtl.culling.datapath import Datapath
+from rtl.culling.shared_datapath import DatapathSide
 from rtl.culling.tile_columns import row_columns
 from rtl.culling.tile_expand import kept_record
 from rtl.shapes import layout, shape
@@ -47,6 +53,7 @@ class SuperTileTest(wiring.Component):
 
     Parameters:
         config: the machine, with super-tiles; `point_interval`, `row_width` and formats matter here.
+        side: its side of the datapath of the ellipse test, where the unit shares it (`rtl.supertiles.phase_test`).
 
     Ports:
         splats: ProjectedSplat items. They are taken while the level table is full. The first phase ends with `end`, which does
@@ -83,14 +90,18 @@ class SuperTileTest(wiring.Component):
     cycles more to a pair, and one to a survivor. Storage: `SuperLevelTable`, a queue of splats, and that of PairExpand.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig, side: DatapathSide | None = None) -> None:
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         check_supertiles(config)
         self.config = config
-        self._ellipse = Datapath(row_columns(config, SUPER_Y), interval=config.point_interval, carried=carried_step(config))
+        self._ellipse = side or Datapath(
+            row_columns(config, SUPER_Y), interval=config.point_interval, carried=carried_step(config))
+        super().__init__(self._members(config))
+
+    def _members(self, config: AcceleratorConfig) -> dict[str, wiring.Member]:
         settings = {f.name: shape(f.format) for f in frame_settings(config).fields}
-        super().__init__({
+        return {
             "splats": In(stream.Signature(layout(projected_splat(config)))),
             "table": In(stream.Signature(layout(tile_level(config)))),
             "rendering": In(1),
@@ -102,13 +113,15 @@ class SuperTileTest(wiring.Component):
             "filled": Out(1),
             "busy": Out(1),
             "clear": In(1),
-        })
+        }
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.levels = levels = SuperLevelTable(self.config)
         m.submodules.steps = steps = BoxSteps(self.config)
-        m.submodules.ellipse = ellipse = self._ellipse
+        ellipse: Any = self._ellipse
+        if isinstance(ellipse, Datapath):
+            m.submodules.ellipse = ellipse
         m.submodules.walk = walk = GroupWalk(self.config)
         m.submodules.expand = expand = PairExpand(self.config)
         m.submodules.masks = masks = MaskExpand(self.config)
@@ -124,7 +137,7 @@ class SuperTileTest(wiring.Component):
             levels.clear.eq(self.clear), self.filled.eq(levels.filled), walk.obb.eq(self.obb),
             ellipse.width.eq(self.width), ellipse.height.eq(self.height)]
         self._sizes(m, levels, expand)
-        self._enter(m, steps, walk, expand, masks)
+        self._enter(m, steps, walk, self.rendering, (expand, masks), (expand.busy, self.pairs.valid, self.survivors.valid))
         self._test(m, steps, walk)
         self._part(m, walk, expand, masks)
         return m
@@ -138,17 +151,22 @@ class SuperTileTest(wiring.Component):
             union.clear.eq(self.clear), self.ready.eq(union.ready), self.busy.eq(union.busy | self._inside),
             levels.joint.eq(self.joint), levels.shift.eq(self.shift), levels.eye.eq(walk.eye)]
 
-    def _sizes(self, m: Module, levels: SuperLevelTable, expand: PairExpand) -> None:
+    def _sizes(self, m: Module, levels: SuperLevelTable | None, expand: PairExpand) -> None:
         """Registers the frame's size in tiles and super-tiles; it is stable long before it is used."""
         tiles_x, tiles_y, supers_x = Signal(TILE_BITS + 1), Signal(TILE_BITS + 1), Signal.like(expand.supers_x)
         places = TILE.bit_length() - 1
         wide = tiles_x + columns_apart(self.joint, self.shift) if self.config.joint else tiles_x
         m.d.sync += [tiles_x.eq((self.width + (TILE - 1)) >> places), tiles_y.eq((self.height + (TILE - 1)) >> places),
                      supers_x.eq((wide + (SUPER_X - 1)) >> (SUPER_X.bit_length() - 1))]
-        m.d.comb += [levels.tiles_x.eq(tiles_x), levels.tiles_y.eq(tiles_y), expand.supers_x.eq(supers_x)]
+        if levels is not None:
+            m.d.comb += [levels.tiles_x.eq(tiles_x), levels.tiles_y.eq(tiles_y)]
+        m.d.comb += expand.supers_x.eq(supers_x)
 
-    def _enter(self, m: Module, steps: BoxSteps, walk: GroupWalk, expand: PairExpand, masks: MaskExpand) -> None:
-        """Sends splats to `BoxSteps` and into the queue."""
+    def _enter(
+        self, m: Module, steps: BoxSteps, walk: GroupWalk, rendering: Value, takers: Sequence[PairExpand | MaskExpand],
+        leaving: Sequence[Value],
+    ) -> None:
+        """Sends splats to `BoxSteps` and into the queue, from which `takers` take them; `leaving` says what is behind these."""
         kept = layout(kept_record(self.config))
         m.submodules.queue = queue = SyncFIFOBuffered(
             width=kept.size, depth=self._ellipse.schedule.depth + TILE_TEST_BESIDE + self.config.joint)
@@ -157,18 +175,17 @@ class SuperTileTest(wiring.Component):
             may.eq(self.filled & queue.w_rdy),
             steps.splats.valid.eq(self.splats.valid & may),
             steps.splats.payload.eq(self.splats.payload),
-            steps.rendering.eq(self.rendering),
+            steps.rendering.eq(rendering),
             self.splats.ready.eq(steps.splats.ready & may),
             taken.eq(self.splats.valid & self.splats.ready),
             queue.w_en.eq(taken & ~self.splats.payload.end),
             queue.w_data.eq(Cat(Value.cast(self.splats.payload[name]) for name in kept.members)),
             Value.cast(splat).eq(queue.r_data),
-            *(expand.splats.payload[name].eq(splat[name]) for name in expand.splats.payload.shape().members),
-            masks.splats.payload.eq(splat),
-            *(unit.splats.valid.eq(queue.r_rdy) for unit in (expand, masks)),
-            queue.r_en.eq(expand.splats.ready | masks.splats.ready),
+            *(assign for unit in takers for assign in _given(unit.splats.payload, splat)),
+            *(unit.splats.valid.eq(queue.r_rdy) for unit in takers),
+            queue.r_en.eq(reduce(or_, (unit.splats.ready for unit in takers))),
             (self._inside if self.config.joint else self.busy).eq(
-                queue.level.any() | ending | expand.busy | self.pairs.valid | self.survivors.valid),
+                reduce(or_, (queue.level.any(), ending, *leaving))),
         ]
         with m.If(taken & self.splats.payload.end):
             m.d.sync += ending.eq(1)
@@ -215,7 +232,7 @@ class SuperTileTest(wiring.Component):
 
     def _part(self, m: Module, walk: GroupWalk, expand: PairExpand, masks: MaskExpand) -> None:
         """Sends groups to the part of the phase, and counts in the first."""
-        item, first = walk.groups.payload, Signal()
+        item, first = walk.groups.payload, Signal(name="$signal")  # it has no name in netlists
         m.d.comb += [
             expand.groups.payload.eq(item),
             masks.groups.payload.eq(item),
@@ -224,6 +241,10 @@ class SuperTileTest(wiring.Component):
             walk.groups.ready.eq(Mux(self.rendering, masks.groups.ready, expand.groups.ready)),
             first.eq(expand.groups.valid & expand.groups.ready),
         ]
+        self._tally(m, item, first, expand)
+
+    def _tally(self, m: Module, item: data.View, first: Value, expand: PairExpand) -> None:
+        """Counts the groups of the first phase, each in the cycle in which it moves."""
         most = range(SUPER_Y * LEVEL_GROUP + 1)
         touched, filtered, passed, lives = (Signal(most, name=f"{name}_now") for name in _COUNTS)
         m.d.sync += [
@@ -232,7 +253,6 @@ class SuperTileTest(wiring.Component):
             lives.eq(self._lives(m, expand))]
         for name, amount in zip(_COUNTS, (touched, filtered, passed, lives), strict=True):
             count(m, getattr(self, name), amount, self.clear)
-
 
     def _lives(self, m: Module, expand: PairExpand) -> Value:
         """Whether a Gaussian with a pair has come that is not counted yet; in joint frames the source may have had one."""
@@ -244,6 +264,12 @@ class SuperTileTest(wiring.Component):
         with m.If(self.clear):
             m.d.sync += there.eq(0)
         return expand.lives & ~(splat.eye & there & (known == splat.index))
+
+
+def _given(payload: data.View, splat: data.View) -> list[Any]:
+    """Gives a unit those fields of a splat that it takes."""
+    members = payload.shape().members
+    return [payload.eq(splat)] if members == splat.shape().members else [payload[name].eq(splat[name]) for name in members]
 
 
 def _ones(tiles: Value) -> Value:

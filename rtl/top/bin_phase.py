@@ -14,10 +14,13 @@ from rtl.supertiles.pair_writer import PairWriter
 from rtl.tile_lists.table_loader import TableLoader
 from rtl.top import splat_path
 from rtl.top.chunked import add_chunk_test
+from rtl.top.list_sets import ListSets
 from rtl.top.ports import connect_settings, phase_ports
 from rtl.top.splat_path import SplatPath
+from rtl.top.splat_paths import SplatPaths
 from spec.config import AcceleratorConfig
 from spec.constants import SUPER_X, SUPER_Y, TILE
+from spec.memory import frame_settings
 from spec.records import (
     TILE_BITS,
     chunk_item,
@@ -52,7 +55,8 @@ class BinPhase(wiring.Component):
         tiles ─► TableLoader ─┬─► LevelBounds                          │
                               └────────────────────────────────────────┘
 
-    `SplatPath` and the buckets also serve the second phase, which uses them through the ports below.
+    `SplatPath` and the buckets also serve the second phase, which uses them through the ports below. In machines whose phases
+    overlap, `SplatPaths` and `ListSets` stand in their places, and the tile merge unit, which takes the hits, is in the latter.
 
     Parameters:
         config: the machine, with super-tiles.
@@ -78,19 +82,27 @@ class BinPhase(wiring.Component):
         merged: TileGroup items of all lists, in order. listed: the same as ListGroup items.
         sorted_item, sorted_taken: what leaves the sorter, and whether it does, which sets the next frame's bounds.
         list_count: number of lists; valid from `ready` on.
+
+    With overlapped phases, instead of `hits`, `rendering`, `merged` and `list_count`:
+        second_settings: settings of the frame in its second phase.
+        which: which of two sets of what the phases hand over the first phase uses; the second one uses the other.
+        saturated: a list has more pairs than can be counted, or a pair's list is not one of the frame.
     """
 
     def __init__(self, config: AcceleratorConfig):
+        ports = phase_ports(config, READERS, WRITERS, STAGES, _COUNTS)
+        in_turn = {
+            "hits": Out(stream.Signature(layout(intersection_tile(config)))), "rendering": In(1),
+            "merged": In(stream.Signature(layout(tile_group(config)))), "list_count": Out(range(frame_lists(config) + 1))}
+        overlapped = {"second_settings": In(layout(frame_settings(config))), "which": In(1), "saturated": Out(1)}
         super().__init__({
-            **phase_ports(config, READERS, WRITERS, STAGES, _COUNTS), "start_table": In(1), "table_done": Out(1),
-            "hits": Out(stream.Signature(layout(intersection_tile(config)))), "full": Out(1), "rendering": In(1),
+            **ports, "start_table": In(1), "table_done": Out(1),
+            "full": Out(1), **(overlapped if config.overlap else in_turn),
             "gathered": In(stream.Signature(layout(gaussian_point(config)))),
             "supertiles": In(stream.Signature(layout(supertile(config)))),
             "tested": Out(stream.Signature(layout(surviving_splat(config)))),
-            "merged": In(stream.Signature(layout(tile_group(config)))),
             "listed": Out(stream.Signature(layout(list_group(config)))),
-            "sorted_item": In(layout(chunk_item(config))), "sorted_taken": In(1),
-            "list_count": Out(range(frame_lists(config) + 1))})
+            "sorted_item": In(layout(chunk_item(config))), "sorted_taken": In(1)})
         check_supertiles(config)
         self.config = config
 
@@ -98,8 +110,9 @@ class BinPhase(wiring.Component):
         m = Module()
         m.submodules.reader = reader = ChunkReader(self.config)
         m.submodules.loader = loader = TableLoader(self.config)
-        m.submodules.path = path = SplatPath(self.config)
-        m.submodules.buckets = buckets = depth_buckets(self.config)
+        overlap = self.config.overlap
+        m.submodules.path = path = SplatPaths(self.config) if overlap else SplatPath(self.config)
+        m.submodules.buckets = buckets = ListSets(self.config) if overlap else depth_buckets(self.config)
         m.submodules.writer = writer = PairWriter(self.config)
         for unit in (reader, loader, writer):
             connect_settings(m, self, unit)
@@ -107,25 +120,30 @@ class BinPhase(wiring.Component):
         wiring.connect(m, reader.points, path.points)
         wiring.connect(m, path.binned, buckets.pairs)
         wiring.connect(m, buckets.entries, writer.entries)
-        wiring.connect(m, writer.hits, wiring.flipped(self.hits))
+        if overlap:
+            self._two_frames(m, path, buckets, writer)
+        else:
+            wiring.connect(m, writer.hits, wiring.flipped(self.hits))
         for name in ("gathered", "supertiles"):
             wiring.connect(m, wiring.flipped(getattr(self, name)), getattr(path, name))
         wiring.connect(m, path.tested, wiring.flipped(self.tested))
-        wiring.connect(m, wiring.flipped(self.merged), buckets.groups)
+        if not overlap:
+            wiring.connect(m, wiring.flipped(self.merged), buckets.groups)
         wiring.connect(m, buckets.listed, wiring.flipped(self.listed))
         for name, unit in (("geometry", reader), ("tiles", loader)):
             wiring.connect(m, unit.reads, wiring.flipped(getattr(self, f"reads_{name}")))
             wiring.connect(m, wiring.flipped(getattr(self, f"data_{name}")), unit.data)
         wiring.connect(m, writer.writes, wiring.flipped(self.writes_entries))
         m.d.comb += [
-            path.settings.eq(self.settings), path.clear.eq(self.clear), path.rendering.eq(self.rendering),
+            path.settings.eq(self.settings), path.clear.eq(self.clear),
+            *(() if overlap else (path.rendering.eq(self.rendering),)),
             reader.start.eq(self.start), loader.start.eq(self.start_table),
             writer.writes_idle.eq(self.idle_entries), writer.list_count.eq(buckets.list_count),
             buckets.sorted_item.eq(self.sorted_item), buckets.sorted_taken.eq(self.sorted_taken),
-            self.list_count.eq(buckets.list_count), self.full.eq(writer.full)]
+            *(() if overlap else (self.list_count.eq(buckets.list_count),)), self.full.eq(writer.full)]
         add_chunk_test(m, self, loader, reader)
         self._begin(m, path, buckets, writer.busy)
-        self._follow(m, loader, path)
+        self._follow(m, loader, path, writer.hits if overlap else self.hits)
         watched = (reader.data, writer.entries)
         m.d.comb += [
             self.stage_valid.eq(Cat(watched[0].valid, path.stage_valid, watched[1].valid)),
@@ -134,7 +152,17 @@ class BinPhase(wiring.Component):
             self._count(m, reader, path)
         return m
 
-    def _begin(self, m: Module, path: SplatPath, buckets: wiring.Component, writing: Value) -> None:
+    def _two_frames(self, m: Module, path: SplatPaths, sets: ListSets, writer: PairWriter) -> None:
+        """Connects what is there for the frames of both phases."""
+        wiring.connect(m, writer.hits, sets.hits)
+        m.d.comb += [
+            path.second_settings.eq(self.second_settings), path.which.eq(self.which), sets.which.eq(self.which),
+            self.saturated.eq(sets.saturated)]
+        for name in ("beta", "auto_beta"):
+            m.d.comb += [getattr(sets, name).eq(self.settings[name]),
+                         getattr(sets, f"second_{name}").eq(self.second_settings[name])]
+
+    def _begin(self, m: Module, path: SplatPath | SplatPaths, buckets: wiring.Component, writing: Value) -> None:
         """Counts the frame's super-tiles, row by row, and then gives the lists their bounds. Until the number of lists is known
         the phase is not ready."""
         columns, rows, count = Signal(TILE_BITS), Signal(TILE_BITS), Signal.like(buckets.supertile_count)
@@ -156,19 +184,21 @@ class BinPhase(wiring.Component):
             self.ready.eq(~counting & ~settling.any() & ~writing)]
         if self.config.joint:
             m.d.comb += self.ready.eq(~counting & ~settling.any() & ~writing & path.ready)
+        if self.config.overlap:
+            m.d.comb += self.ready.eq(~counting & ~settling.any() & ~writing & buckets.ready)
 
-    def _follow(self, m: Module, loader: TableLoader, path: SplatPath) -> None:
+    def _follow(self, m: Module, loader: TableLoader, path: SplatPath | SplatPaths, hits: stream.Interface) -> None:
         """Follows the ends of table and frame."""
         written = Signal()
         with m.If(loader.done):
             m.d.sync += self.table_done.eq(1)
-        with m.If(self.hits.valid & self.hits.ready & self.hits.payload.end):
+        with m.If(hits.valid & hits.ready & hits.payload.end):
             m.d.sync += written.eq(1)
         with m.If(self.clear):
             m.d.sync += [self.table_done.eq(0), written.eq(0)]
         m.d.comb += self.done.eq(written & ~path.busy)
 
-    def _count(self, m: Module, reader: ChunkReader, path: SplatPath) -> None:
+    def _count(self, m: Module, reader: ChunkReader, path: SplatPath | SplatPaths) -> None:
         for name, items in (("points", reader.points), ("pairs", path.binned)):
             with m.If(items.valid & items.ready & ~items.payload.end):
                 m.d.sync += getattr(self, name).eq(getattr(self, name) + 1)

@@ -80,7 +80,8 @@ class GatherPhase(wiring.Component):
     Neither reader of lists keeps the other waiting for ever: that of super-tiles takes all lists of a frame without waiting,
     and ListReader has space for more lists than a super-tile has, so that a super-tile comes before its pairs.
 
-    Where the machine packs frames, FrameWriter stands in PixelWriter's place.
+    Where the machine packs frames, FrameWriter stands in PixelWriter's place. In machines whose phases overlap, the tile merge
+    unit is in the first phase.
 
     Parameters:
         config: the machine, with super-tiles; `incremental` selects the handover behind the sorter.
@@ -104,26 +105,33 @@ class GatherPhase(wiring.Component):
         stage_valid, stage_ready: handshakes of the input streams of STAGES, one bit each.
         groups, spilled_entries, header_hits, header_misses, batches, visits, ops, skipped, pixels,
         saturated_colours: counts of the frame.
+
+    With overlapped phases there are neither list_count, hits and merged nor counted, saturated and ready.
     """
 
     def __init__(self, config: AcceleratorConfig):
-        super().__init__({
-            **phase_ports(config, READERS, WRITERS, STAGES, _COUNTS),
+        ports = phase_ports(config, READERS, WRITERS, STAGES, _COUNTS)
+        in_turn = {
             "list_count": In(range(frame_lists(config) + 1)),
             "hits": In(stream.Signature(layout(intersection_tile(config)))),
-            "merged": Out(stream.Signature(layout(tile_group(config)))),
+            "merged": Out(stream.Signature(layout(tile_group(config))))}
+        if config.overlap:
+            del ports["ready"]
+        super().__init__({
+            **ports, **({} if config.overlap else in_turn),
             "listed": In(stream.Signature(layout(list_group(config)))),
             "sorted_item": Out(layout(chunk_item(config))), "sorted_taken": Out(1),
             "gathered": Out(stream.Signature(layout(gaussian_point(config)))),
             "tested": In(stream.Signature(layout(surviving_splat(config)))),
             "supertiles": Out(stream.Signature(layout(supertile(config)))),
-            "counted": Out(1), "overflow": Out(1), "saturated": Out(1)})
+            **({} if config.overlap else {"counted": Out(1), "saturated": Out(1)}), "overflow": Out(1)})
         check_supertiles(config)
         self.config = config
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        m.submodules.tile_merge = merge = TileMergeUnit(self.config)
+        if not self.config.overlap:
+            m.submodules.tile_merge = merge = TileMergeUnit(self.config)
         m.submodules.reader = reader = ListReader(self.config)
         m.submodules.sorter = sorter = HierarchicalSorter(self.config)
         m.submodules.handover = buffer = handover(self.config)
@@ -135,11 +143,13 @@ class GatherPhase(wiring.Component):
         for unit in dict.fromkeys((reader, sorter, fetch, colour, batches, array, writer)):
             connect_settings(m, self, unit)
         m.d.comb += [
-            merge.beta.eq(self.settings.beta), merge.auto.eq(self.settings.auto_beta),
-            merge.tiles_x.eq(self.list_count), merge.tile_count.eq(self.list_count),
+            *([] if self.config.overlap else [
+                merge.beta.eq(self.settings.beta), merge.auto.eq(self.settings.auto_beta),
+                merge.tiles_x.eq(self.list_count), merge.tile_count.eq(self.list_count)]),
             *(unit.clear.eq(self.clear) for unit in (reader, sorter, fetch, batches))]
-        wiring.connect(m, wiring.flipped(self.hits), merge.hits)
-        wiring.connect(m, merge.groups, wiring.flipped(self.merged))
+        if not self.config.overlap:
+            wiring.connect(m, wiring.flipped(self.hits), merge.hits)
+            wiring.connect(m, merge.groups, wiring.flipped(self.merged))
         self._super_tiles(m, reader, batches)
         wiring.connect(m, reader.groups, sorter.groups)
         wiring.connect(m, sorter.sorted, buffer.sink)
@@ -169,7 +179,8 @@ class GatherPhase(wiring.Component):
             *stops, writer.begin.eq(self.start),
             self.sorted_item.eq(sorter.sorted.payload), self.sorted_taken.eq(sorter.sorted.valid & sorter.sorted.ready),
             self.done.eq(writer.finished), self.overflow.eq(sorter.overflow),
-            self.saturated.eq(merge.saturated | merge.outside), self.ready.eq(~merge.busy)]
+            *([] if self.config.overlap else [
+                self.saturated.eq(merge.saturated | merge.outside), self.ready.eq(~merge.busy)])]
         watch(m, self, (reader.data, sorter.groups, buffer.sink, fetch.sorted, colour.survivors, batches.places, entries,
                         writer.rows))
         if self.config.counters:
@@ -195,16 +206,17 @@ class GatherPhase(wiring.Component):
             width=made.supertiles.payload.shape().size, depth=SUPERTILES_AHEAD << self.config.joint)
         connect_settings(m, self, made)
         counted, open_ = Signal(), Signal()
-        with m.If(self.hits.valid & self.hits.ready & self.hits.payload.end):
-            m.d.sync += counted.eq(1)
+        if not self.config.overlap:
+            with m.If(self.hits.valid & self.hits.ready & self.hits.payload.end):
+                m.d.sync += counted.eq(1)
         with m.If(self.start):
             m.d.sync += open_.eq(1)
         with m.If(self.clear):
-            m.d.sync += [counted.eq(0), open_.eq(0)]
+            m.d.sync += [*([] if self.config.overlap else [counted.eq(0)]), open_.eq(0)]
         m.submodules.lists = lists = SyncFIFOBuffered(width=self.listed.payload.shape().size, depth=LISTS_AHEAD)
         listed, ahead = data.View(self.listed.payload.shape(), lists.r_data), broadcast.sources[1]
         m.d.comb += [
-            self.counted.eq(counted),
+            *([] if self.config.overlap else [self.counted.eq(counted)]),
             fork.sink.payload.eq(self.listed.payload), fork.sink.valid.eq(self.listed.valid & open_),
             self.listed.ready.eq(fork.sink.ready & open_),
             lists.w_data.eq(fork.sources[0].payload), lists.w_en.eq(fork.sources[0].valid),

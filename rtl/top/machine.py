@@ -13,11 +13,12 @@ from rtl.axi.counters import PerformanceCounters
 from rtl.axi.master import AxiMaster, id_bits
 from rtl.axi.read_port import ReadQueue
 from rtl.axi.registers import RegisterFile
-from rtl.top import bin_phase, gather_phase, geometry_phase, render_phase
+from rtl.top import bin_phase, gather_phase, geometry_phase, overlap, render_phase
 from rtl.top.bin_phase import BinPhase
 from rtl.top.controller import FrameController
 from rtl.top.gather_phase import GatherPhase
 from rtl.top.geometry_phase import GeometryPhase
+from rtl.top.overlap_controller import OverlapController
 from rtl.top.render_phase import RenderPhase
 from spec.codes import ErrorCode
 from spec.config import AcceleratorConfig
@@ -36,9 +37,10 @@ def phases(config: AcceleratorConfig) -> tuple[type[FirstPhase], type[SecondPhas
 class Machine(wiring.Component):
     """The accelerator: an AXI4-Lite slave for commands, an AXI4 master to memory, and an interrupt.
 
-    A frame passes the phases of `FrameController`. Machines with lists by super-tile have other units in both phases:
-    `BinPhase`, `GatherPhase`. docs/machine.md describes what the host does, docs/registers.md the registers. Only `rst` resets
-    bus and registers; the other units are also reset after a failed frame.
+    A frame passes the phases of `FrameController`, or where the phases of two frames overlap those of `OverlapController`.
+    Machines with lists by super-tile have other units in both phases: `BinPhase`, `GatherPhase`. docs/machine.md describes
+    what the host does, docs/registers.md the registers. Only `rst` resets bus and registers; the other units are also reset
+    after a failed frame.
 
     Parameters:
         config: the machine.
@@ -62,7 +64,7 @@ class Machine(wiring.Component):
     def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.registers = registers = RegisterFile(self.config)
-        m.submodules.controller = controller = FrameController(self.config)
+        m.submodules.controller = controller = (OverlapController if self.config.overlap else FrameController)(self.config)
         m.submodules.master = master = AxiMaster(self.config, len(read_clients(self.config)), len(write_clients(self.config)))
         m.domains.units = ClockDomain(local=True)
         m.d.comb += [ClockSignal("units").eq(ClockSignal()), ResetSignal("units").eq(ResetSignal() | controller.reset_units)]
@@ -74,14 +76,17 @@ class Machine(wiring.Component):
         bus.join(m, self, registers, "s_axi", "s_axil")
         bus.join(m, self, master, "m_axi")
         m.d.comb += self.interrupt.eq(registers.interrupt)
-        self._control(m, registers, controller, master, geometry, render)
+        if self.config.overlap:
+            overlap.control(m, self.config, registers, controller, master, geometry, render)
+        else:
+            self._control(m, registers, controller, master, geometry, render)
         if self.config.stereo:
             self._two_eyes(m, registers, controller, geometry, render)
-        if self.config.supertiles:
+        if self.config.supertiles and not self.config.overlap:
             self._super_tiles(m, controller, geometry, render)
         self._memory(m, renamed, master, geometry, render)
         if self.config.counters:
-            self._count(m, registers, controller, master, geometry, render)
+            self._count(m, renamed, registers, controller, master, geometry, render)
         return m
 
     def _control(
@@ -155,7 +160,8 @@ class Machine(wiring.Component):
         geometry: FirstPhase, render: SecondPhase,
     ) -> None:
         """Connects clients to the bus. Some regions are read in both phases, the one after the other, so these share a client:
-        the table of tiles and, with super-tiles, the headers of chunks."""
+        the table of tiles and, with super-tiles, the headers of chunks. Where the phases of two frames overlap, the first one
+        has a client of its own for both."""
         first, second, own_writers = (
             (bin_phase.READERS, gather_phase.READERS, bin_phase.WRITERS) if self.config.supertiles else
             (geometry_phase.readers(self.config), render_phase.READERS, geometry_phase.WRITERS))
@@ -164,7 +170,8 @@ class Machine(wiring.Component):
         for place, name in enumerate(read_clients(self.config)):
             queue = ReadQueue(self.config, depths[name])
             m.submodules[f"queue_{name}"] = renamed(queue)
-            users = [unit for unit, names in phases if name in names]
+            users = overlap.users(name, geometry, render) if self.config.overlap else [
+                (getattr(unit, f"reads_{name}"), getattr(unit, f"data_{name}")) for unit, names in phases if name in names]
             self._connect_readers(m, name, queue, users)
             wiring.connect(m, queue.requests, master.reads[place])
             wiring.connect(m, master.beats[place], queue.beats)
@@ -173,12 +180,12 @@ class Machine(wiring.Component):
             wiring.connect(m, getattr(unit, f"writes_{name}"), master.writes[place])
             m.d.comb += getattr(unit, f"idle_{name}").eq(master.writes_idle[place])
 
-    def _connect_readers(self, m: Module, name: str, queue: ReadQueue, users: list[Any]) -> None:
+    def _connect_readers(self, m: Module, name: str, queue: ReadQueue, users: list[tuple[Any, Any]]) -> None:
         if len(users) == 1:
-            wiring.connect(m, getattr(users[0], f"reads_{name}"), queue.reads)
-            wiring.connect(m, queue.data, getattr(users[0], f"data_{name}"))
+            wiring.connect(m, users[0][0], queue.reads)
+            wiring.connect(m, queue.data, users[0][1])
             return
-        first, second = (getattr(unit, f"reads_{name}") for unit in users)
+        first, second = (reads for reads, _ in users)
         late = Signal(name=f"{name}_second")  # who gets the beats; all beats of the first user have come before the second asks
         m.d.comb += [
             queue.reads.valid.eq(first.valid | second.valid),
@@ -186,13 +193,13 @@ class Machine(wiring.Component):
             first.ready.eq(queue.reads.ready), second.ready.eq(queue.reads.ready & ~first.valid)]
         with m.If(first.valid | second.valid):
             m.d.sync += late.eq(~first.valid)
-        ports = [getattr(unit, f"data_{name}") for unit in users]
+        ports = [answers for _, answers in users]
         m.d.comb += [queue.data.ready.eq(Mux(late, ports[1].ready, ports[0].ready))]
         for port, mine in zip(ports, (~late, late), strict=True):
             m.d.comb += [port.payload.eq(queue.data.payload), port.valid.eq(queue.data.valid & mine)]
 
     def _count(
-        self, m: Module, registers: RegisterFile, controller: FrameController, master: AxiMaster,
+        self, m: Module, renamed: DomainRenamer, registers: RegisterFile, controller: FrameController, master: AxiMaster,
         geometry: FirstPhase, render: SecondPhase,
     ) -> None:
         m.submodules.counters = counters = PerformanceCounters(self.config)
@@ -208,6 +215,10 @@ class Machine(wiring.Component):
             counters.stage_valid.eq(Cat(geometry.stage_valid, render.stage_valid)),
             counters.stage_ready.eq(Cat(geometry.stage_ready, render.stage_ready)),
             counters.read_beats.eq(master.read_beats), counters.write_beats.eq(master.write_beats),
-            registers.counters.eq(counters.counters),
+            registers.counters.eq(counters.counters)]
+        if self.config.overlap:
+            overlap.count(m, self.config, renamed, counters, controller, geometry, render)
+            return
+        m.d.comb += [
             *(counters.events[name].eq(getattr(geometry if hasattr(geometry, name) else render, name))
               for name in events(self.config))]

@@ -23,9 +23,10 @@ from spec.supertiles import check_supertiles, supertile, supertile_pair
 STAGES = ("projection", "tile_test")
 """Stages whose input streams are watched by the performance counters, in both phases."""
 
-_SATURATED = tuple(s.name for s in WATCHED if s.stream == "splats")
+SATURATED = tuple(s.name for s in WATCHED if s.stream == "splats")
+"""Those of COUNTS that `SaturationCounters` counts."""
 
-COUNTS = (*PROJECTED, "survivors", "entries", "filtered", *_SATURATED)
+COUNTS = (*PROJECTED, "survivors", "entries", "filtered", *SATURATED)
 """What is counted, in the first phase alone."""
 
 
@@ -113,5 +114,5 @@ class SplatPath(wiring.Component):
         m.d.comb += [
             counts.clear.eq(self.clear), counts.splats.eq(splats.payload),
             counts.splats_move.eq(splats.valid & splats.ready & ~splats.payload.end & ~self.rendering),
-            *(getattr(self, name).eq(getattr(counts, name)) for name in _SATURATED),
+            *(getattr(self, name).eq(getattr(counts, name)) for name in SATURATED),
             self.survivors.eq(test.survivors_count), self.entries.eq(test.entries), self.filtered.eq(test.filtered)]

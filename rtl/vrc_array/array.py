@@ -27,6 +27,7 @@ from rtl.shapes import layout, shape
 from rtl.vrc_array.blocks import BlockSequencer
 from rtl.vrc_array.collect import Collect, place_layout
 from rtl.vrc_array.expand import Expand
+from rtl.vrc_array.memory_row import MemoryRow
 from rtl.vrc_array.row import PIPELINE, VrcRow
 from rtl.vrc_array.setup import SetupUnit
 from spec.config import AcceleratorConfig
@@ -78,7 +79,8 @@ class VrcArray(wiring.Component):
         m.submodules.sequencer = sequencer = BlockSequencer(self.config)
         m.submodules.expand = expand = Expand(self.config)
         m.submodules.collect = collect = self._collect
-        rows = [add_shared(m, platform, f"row{y}", "vrc_row", VrcRow, self.config) for y in range(self.config.cores_y)]
+        kind = ("memory_row", MemoryRow) if self.config.bank_memories else ("vrc_row", VrcRow)
+        rows = [add_shared(m, platform, f"row{y}", *kind, self.config) for y in range(self.config.cores_y)]
         wiring.connect(m, wiring.flipped(self.entries), setup.entries)
         wiring.connect(m, setup.ops, sequencer.ops)
         wiring.connect(m, collect.pixels, wiring.flipped(self.pixels))

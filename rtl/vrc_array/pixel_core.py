@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from functools import reduce
 from operator import add
+from typing import Any
 
 import numpy as np
 from amaranth.hdl import Array, Cat, Const, Module, Shape, Signal, Value, signed, unsigned
@@ -55,28 +56,41 @@ def alpha_op_layout(config: AcceleratorConfig) -> data.StructLayout:
     return data.StructLayout({"cut": signed(config.formats.cut.width), "outer": 1, "last": 1})
 
 
+def place_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """Where an op finds the state of its pixel in a machine whose banks are in memories."""
+    return data.StructLayout({
+        "block": index_shape(config.blocks),
+        "held": 1,  # low if `first`, because the bank then starts afresh
+    })
+
+
+def bank_ports(config: AcceleratorConfig) -> dict[str, Any]:
+    """Fields of an op that say which bank it reads and writes."""
+    if config.bank_memories:
+        return {"read": place_layout(config), "write": config.level_banks}  # one-hot level; 0 in a bubble
+    return {
+        "read": config.banks,  # one-hot bank; 0 if `first`, because the bank then starts afresh
+        "write": config.banks,  # one-hot bank; 0 in a bubble
+    }
+
+
 def blend_op_layout(config: AcceleratorConfig) -> data.StructLayout:
     """Fields of the op in the blend stage."""
     first = {} if config.supertiles else {"first": 1}  # with super-tiles every tile's state is loaded
-    return data.StructLayout({
-        "read": config.banks,  # one-hot bank; 0 if `first`, because the bank then starts afresh
-        "write": config.banks,  # one-hot bank; 0 in a bubble
-        **first,
-        "last": 1,
-    })
+    return data.StructLayout({**bank_ports(config), **first, "last": 1})
 
 
 def weigh_op_layout(config: AcceleratorConfig) -> data.StructLayout:
     """Fields of the op in the weigh stage."""
-    return data.StructLayout({"read": config.banks})  # one-hot bank; 0 if `last`, which uses up the whole transmittance
+    # One-hot bank, or 1 where banks are in memories; 0 if `last`, which uses up the whole transmittance.
+    return data.StructLayout({"read": 1 if config.bank_memories else config.banks})
 
 
 def sum_op_layout(config: AcceleratorConfig) -> data.StructLayout:
     """Fields of the op in the sum stage."""
     n = config.formats
     return data.StructLayout({
-        "read": config.banks,
-        "write": config.banks,
+        **bank_ports(config),
         "colour": data.ArrayLayout(unsigned(n.colour.width), 3),
         "depth": unsigned(n.depth.width),
         # Three times the depth, because its multiplier is taken two bits at a time.
@@ -259,15 +273,8 @@ class PixelCore(wiring.Component):
 
     def _sums(self, m: Module, weight: Value, fine: Value, touched: Value) -> list[list[Signal]]:
         """Stage 4: adds to the sums of colour and depth. Returns the banks of each sum: r, g, b and, with depth, depth."""
-        n, op, every = self.config.formats, self.sum_op, []
-        sums = [(weight * op.colour[c], n.weight, n.colour, n.accumulator, [pixel.colour[c] for pixel in self.pixel])
-                for c in range(3)]
-        if self.config.depth:
-            finer = self._finest.width > n.weight.width
-            product = by_pairs(fine, op.depth, op.depth_thrice) if finer else fine * op.depth
-            sums.append((product, self._finest, n.depth, n.depth_accumulator, [pixel.depth for pixel in self.pixel]))
-        for s, (product, by_format, value_format, sum_format, outputs) in enumerate(sums):
-            shift = by_format.frac_bits + value_format.frac_bits - sum_format.frac_bits
+        op, every = self.sum_op, []
+        for s, (product, shift, sum_format, outputs) in enumerate(self._products(weight, fine)):
             banks = [Signal(sum_format.width, name=f"sum{s}_{b}", reset_less=True) for b in range(self.config.banks)]
             total = Signal(sum_format.width + shift, name=f"total{s}")
             m.d.comb += total.eq(Cat(Const(1 << shift - 1, shift), select(op.read, banks)) + product)
@@ -278,6 +285,19 @@ class PixelCore(wiring.Component):
                 m.d.comb += output.eq(Array(banks[level::self.config.level_banks])[self.drained_block])
             every.append(banks)
         return every
+
+    def _products(self, weight: Value, fine: Value) -> list[tuple[Value, int, Fixed, list[Value]]]:
+        """What an op adds to each sum, r, g, b and, with depth, depth: the product, the bits by which it is longer than the
+        sum, the format of the sum, and the ports that show the sum of each level."""
+        n, op = self.config.formats, self.sum_op
+        sums = [(weight * op.colour[c], n.weight, n.colour, n.accumulator, [pixel.colour[c] for pixel in self.pixel])
+                for c in range(3)]
+        if self.config.depth:
+            finer = self._finest.width > n.weight.width
+            product = by_pairs(fine, op.depth, op.depth_thrice) if finer else fine * op.depth
+            sums.append((product, self._finest, n.depth, n.depth_accumulator, [pixel.depth for pixel in self.pixel]))
+        return [(product, by_format.frac_bits + value_format.frac_bits - sum_format.frac_bits, sum_format, outputs)
+                for product, by_format, value_format, sum_format, outputs in sums]
 
 
 def by_pairs(by: Value, value: Value, thrice: Value) -> Value:

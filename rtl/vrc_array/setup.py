@@ -19,6 +19,7 @@ from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from rtl.fixed import saturate
 from rtl.pipeline import Pipeline, Staged
 from rtl.shapes import layout, shape
 from rtl.stream import Buffer
@@ -146,7 +147,7 @@ class SetupUnit(wiring.Component):
         colour = of_level("colour", [Cat(*(entry.colour[3 * i + c] for c in range(3))) for i in range(2)])
         support, cut_min = support_exponent(config), log2_alpha_min(n)
         cut = opacity.map(lambda x: cut_min) if support is None else p.reg(
-            "cut", lambda x: Mux(x >= cut_min + support, x - support, cut_min), opacity)
+            "cut", lambda x: saturate(Mux(x >= cut_min + support, x - support, cut_min), n.cut), opacity)
         half_ulp = Const(1 << (n.exponent.frac_bits - n.cut.frac_bits - 1), n.exponent.frac_bits - n.cut.frac_bits)
         exponent = p.reg("exponent", lambda x, o: x + Cat(half_ulp, o).as_signed(), terms.corner, opacity)
 

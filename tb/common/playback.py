@@ -145,7 +145,8 @@ module tb ({ports}
   string folder, path;
   initial if (!$value$plusargs("folder=%s", folder)) folder = ".";
 
-  // A run lasts from the rise of `active` until `quiet` cycles after the last expected item; `ends` is its last cycle.
+  // A run lasts from the rise of `active` until `quiet` cycles after the last expected item; `ends` is its last cycle. An
+  // output that gives as many items too many ends it, too: a unit that emits for ever would otherwise never end.
   reg active_before = 0;
   wire begins = active & ~active_before;
   wire running = active & active_before & ~over;
@@ -153,7 +154,8 @@ module tb ({ports}
   wire complete = {complete};
   wire ended = {ended};
   reg [31:0] idle = 0, cycle = 0;
-  wire ends = running & idle >= (complete & ended ? quiet : watchdog);
+  wire flooded = {flooded};
+  wire ends = running & (flooded | idle >= (complete & ended ? quiet : watchdog));
   reg [12:0] phase = 0;
   always @(posedge clk) begin
     active_before <= active;
@@ -205,5 +207,6 @@ def _wrapper(playback: Playback) -> str:
         complete=" & ".join(f"({n}_taken >= {n}_limit)" for n in outputs),
         ended=" & ".join(f"({n}_ended & ~{n}_valid)" for n in inputs) or "1'b1",
         broken=" | ".join(f"{n}_broken" for n in outputs),
+        flooded=" | ".join(f"({n}_taken > {n}_limit + quiet)" for n in outputs),
         excess=" | ".join(f"({n}_moves & {n}_taken >= {n}_limit)" for n in outputs),
     )

@@ -117,6 +117,7 @@ class Design:
         public: signals of the top module that Python reads or drives; the simulator may optimise all others away.
         apart: modules that Verilator must not inline into their parents. For the array's 256 pixel cores that compiles 2.5
             times faster and simulates no slower.
+        unknown: whether what has no initial value begins with random bits (`random_start`) instead of zeros.
     """
 
     name: str
@@ -124,6 +125,14 @@ class Design:
     sources: tuple[tuple[str, str], ...]
     public: tuple[str, ...]
     apart: tuple[str, ...] = ()
+    unknown: bool = False
+
+
+def random_start(seed: int) -> tuple[str, ...]:
+    """Arguments of a simulation that choose the random bits with which an `unknown` design begins, from 1 on."""
+    if seed < 1:
+        raise ValueError(f"seed must be at least 1, not {seed!r}")  # Verilator takes 0 for any
+    return "+verilator+rand+reset+2", f"+verilator+seed+{seed}"
 
 
 def check_tools() -> None:
@@ -214,7 +223,9 @@ def _control_file(design: Design, waves: Waves | None) -> str:
     return "\n".join(lines) + "\n"
 
 
-_BUILD_ARGS = ("-O3", "--x-assign", "fast", "--x-initial", "fast", "-Wno-fatal", "-Wno-WIDTH")
+def _build_arguments(design: Design) -> tuple[str, ...]:
+    undefined = "unique" if design.unknown else "fast"
+    return "-O3", "--x-assign", undefined, "--x-initial", undefined, "-Wno-fatal", "-Wno-WIDTH"
 
 
 def build(design: Design, waves: Waves | None = None) -> Path:
@@ -225,7 +236,7 @@ def build(design: Design, waves: Waves | None = None) -> Path:
     """
     check_tools()
     control = _control_file(design, waves)
-    everything = repr((design, control, waves is None, _BUILD_ARGS, _MAKEFLAGS, _versions()))
+    everything = repr((design, control, waves is None, _build_arguments(design), _MAKEFLAGS, _versions()))
     digest = hashlib.sha256(everything.encode()).hexdigest()[:12]
     folder = SIM_FOLDER / f"{design.name}-{digest}"
     folder.mkdir(parents=True, exist_ok=True)
@@ -251,7 +262,7 @@ def _build(design: Design, control: str, waves: bool, folder: Path) -> None:
         with _quiet_environment():
             runner.build(
                 sources=paths, hdl_toplevel=design.top, build_dir=folder, timescale=("1ns", "1ps"), waves=waves,
-                build_args=_BUILD_ARGS, log_file=log, always=True)
+                build_args=_build_arguments(design), log_file=log, always=True)
     except RuntimeError as error:
         raise SimulationError(f"{design.name}: {error}; the end of {log}:\n{_tail(log)}") from error
 

@@ -45,11 +45,13 @@ class Machine:
         name: the name of the build folder.
         verilog: the Verilog text, which contains the module MODULE.
         apart: modules that Verilator does not inline (see `runner.Design`).
+        unknown: whether its registers and memories begin with random bits (see `runner.Design`).
     """
 
     name: str
     verilog: str
     apart: tuple[str, ...] = ()
+    unknown: bool = False
 
     @property
     def ports(self) -> dict[str, tuple[str, int]]:
@@ -76,7 +78,7 @@ class Machine:
             machine="".join(f",\n    .{name}({name})" for name in (*host, *bus)),
             memory="".join(f",\n    .{inner}({name})" for inner, name in slave))
         sources = (("dut.v", self.verilog), *SOURCES, ("tb.sv", text))
-        return Design(self.name, "tb", sources, ("clk", "rst", *driven), self.apart)
+        return Design(self.name, "tb", sources, ("clk", "rst", *driven), self.apart, self.unknown)
 
     def bare_design(self) -> Design:
         """The machine without the memory; Python can access every port."""

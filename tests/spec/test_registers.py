@@ -11,14 +11,15 @@ import pytest
 
 from msv2.document import registers as document_registers
 from msv2.document.__main__ import check
-from spec import host_settings, registers
+from spec import host_settings, register_fields, registers
 from spec.codes import ErrorCode, Phase
-from spec.config import CONFIGS, DEFAULT, MACHINES, PAPER, TINY, TINY_V3, V3, V3_EYES, V3_PACKED, V3_RECORDS
+from spec.config import CONFIGS, DEFAULT, MACHINES, PAPER, TINY, TINY_V3, V3, V3_EYES, V3_OVERLAP, V3_PACKED, V3_RECORDS
 from spec.errors import InputError
 from spec.formats import SQ
 from spec.memory import frame_settings
 from spec.paths import ROOT
-from spec.registers import COUNTERS_BASE, EVENTS, SETTINGS_BASE, STAGES, Access
+from spec.register_fields import Access
+from spec.registers import COUNTERS_BASE, EVENTS, SETTINGS_BASE, STAGES
 from spec.saturations import SATURATIONS
 
 STEREO = PAPER.with_(name="stereo", stereo=True)
@@ -66,11 +67,12 @@ def test_every_number_of_the_settings_has_a_register_in_order(config):
 
 def test_a_register_has_one_address_in_all_machines():
     """Where a machine has no chunks, no stereo or no splat records in memory, the addresses of their registers are empty."""
-    every = {r.name: r.offset for name in ("every", "v3_packed", "v3_eyes") for r in MAPS[name]}
+    every = {r.name: r.offset for name in ("every", "v3_packed", "v3_eyes", "v3_overlap") for r in MAPS[name]}
     assert len(set(every.values())) == len(every)
     for everything in MAPS.values():
         assert {r.name: r.offset for r in everything}.items() <= every.items()
-    assert set(every) == {r.name for name in ("v3_records", "stereo", "v3_packed", "v3_eyes") for r in MAPS[name]}
+    assert set(every) == {r.name for name in ("v3_records", "stereo", "v3_packed", "v3_eyes", "v3_overlap")
+                          for r in MAPS[name]}
     added = {name: {r.name for r in MAPS[name]} - {r.name for r in MAPS["paper"]} for name in ("v3_records", "stereo")}
     assert added["v3_records"] == {
         "chunks", "chunks_base", "reach_0", "reach_1", "read_beats_chunks", "chunks_read", "chunks_skipped"}
@@ -146,6 +148,18 @@ def test_machines_with_joint_frames_have_the_target_eyes_settings_and_say_so():
         assert host_settings.first_illegal(V3_EYES, patterns | {"joint": is_joint, "shift": shift}) == found
 
 
+def test_machines_whose_phases_overlap_have_one_more_client_and_say_so():
+    plain, overlap = ({r.name: r.offset for r in registers.register_map(config)} for config in (V3, V3_OVERLAP))
+    assert set(overlap) - set(plain) == {"read_beats_first"} and plain.items() <= overlap.items()
+    assert registers.read_clients(V3_OVERLAP) == (*registers.read_clients(V3), "first")
+    bit = next(b for r in MAPS["v3"] for b in r.bits if b.name == "overlap")
+    for config in (V3, V3_OVERLAP, TINY_V3, PAPER):
+        assert bool(registers.identity(config)["machine_units"] & bit.mask) == config.overlap
+        assert registers.identity(config)["version"] & 0xFFFF == 8 * config.overlap
+    assert registers.fingerprint(V3_OVERLAP) != registers.fingerprint(V3)
+    assert Phase.width() <= next(b for r in MAPS["v3"] for b in r.bits if b.name == "first_phase").width
+
+
 @pytest.mark.parametrize("name", document_registers.MAKERS)
 def test_every_document_of_a_machine_that_packs_frames_has_the_setting(name):
     text = document_registers.MAKERS[name](V3_PACKED)
@@ -201,7 +215,7 @@ def test_limits_of_floats_are_those_of_their_numbers():
 def test_identity_tells_machines_apart():
     for config in CONFIGS.values():
         values = registers.identity(config)
-        assert set(values) == {r.name for r in MAPS[config.name] if r.offset < registers.CONTROL_BASE}
+        assert set(values) == {r.name for r in MAPS[config.name] if r.offset < register_fields.CONTROL_BASE}
         assert all(0 <= value < 1 << 32 for value in values.values())
     assert registers.identity(TINY)["machine_array"] == 4 | 4 << 8 | 4 << 16 | 7 << 20 | 3 << 24 | 1 << 26
     compact, wide = registers.identity(V3_RECORDS), registers.identity(PAPER.with_(order="spatial", chunks=True))

@@ -127,9 +127,10 @@ def estimate_area(config: AcceleratorConfig, eyes: Iterable[Mapping[str, Any]] |
     chunks = _chunk_units() if config.chunks and not config.supertiles else {}
     packer = {LISTS: _synthesised_um2("frame_packer") * _TO_16NM} if config.packed else {}
     both = _of_both_eyes(_report("eyes")["rows"] if eyes is None else eyes) if config.joint else {}
+    second = _second_frame() if config.overlap else {}
+    added = (chunks, packer, both, second)
     groups = {
-        group: GroupArea(base[group].logic_um2 * _logic(group, config, build) + chunks.get(group, 0.0) + packer.get(group, 0.0)
-                         + both.get(group, 0.0),
+        group: GroupArea(base[group].logic_um2 * _logic(group, config, build) + sum(more.get(group, 0.0) for more in added),
                          max(0.0, base[group].memory_um2 + here.get(group, 0.0) - there.get(group, 0.0)))
         for group in base}
     return AreaEstimate(groups, ESTIMATE, name)
@@ -179,6 +180,15 @@ def _chunk_units() -> dict[str, float]:
             LISTS: sum(units[unit] for unit in _READING) - _row("geometry.reader")["logic_um2_16nm"]}
 
 
+def _second_frame() -> dict[str, float]:
+    """Logic that the second frame in flight adds to a group where phases overlap, in um^2 at 16 nm, at most: that of the units
+    of which there are two then, in the build `v3`. The tile test counts whole, although both phases share its datapath, and the
+    register file for the second copy of settings and first-phase counts."""
+    units = {row["unit"]: row["logic_um2_16nm"] for row in _report("area")["builds"][SUPERTILE_LISTS]["units"]}
+    return {CONTROL: units["registers"], CULLING: units["geometry.path.tile_test"], LISTS: units["geometry.buckets"],
+            SORTING: units["render.tile_merge"]}
+
+
 def _synthesised_um2(unit: str) -> float:
     """The area of a unit that was synthesised alone, in um^2 of its technology."""
     return next(row["area_um2"] for row in _report("synthesis")["rows"] if row["unit"] == unit)
@@ -204,12 +214,20 @@ def _core_bits(config: AcceleratorConfig) -> float:
     return exponent + weights + sums + depth
 
 
+def _banks(config: AcceleratorConfig) -> float:
+    """The banks of a core in um^2: registers, or memories with a register behind each bit that is read."""
+    bits = _pixel_bits(config)
+    if not config.bank_memories:
+        return config.banks * bits * (FLOP_UM2 + MUX_UM2)
+    return config.level_banks * bits * FLOP_UM2 + make(Macro(config.blocks, config.level_banks * bits, 1, 1)).area_um2
+
+
 def _array(config: AcceleratorConfig) -> float:
     """Cores with their banks of sums, rows, and what does not depend on the array's size."""
     parts = _row("render.array")["parts"]
     core, row = parts["pixel_core"]["area"], parts["vrc_row"]["area"]
     held = BUILDS["1ghz"]
-    more = (config.banks * _pixel_bits(config) - held.banks * _pixel_bits(held)) * (FLOP_UM2 + MUX_UM2)
+    more = _banks(config) - _banks(held)
     cores, rows = config.cores_x * config.cores_y, config.streams * config.array_y
     rest = _row("render.array")["logic_um2"] - parts["pixel_core"]["count"] * core - parts["vrc_row"]["count"] * row
     around = sum(_row(f"render.array.{name}")["logic_um2"] for name in ("setup", "sequencer"))

@@ -9,6 +9,7 @@ the configuration's schedules need and widths in proportion to the records.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from msv2.studies.area.store import Store
 from msv2.studies.area.super_stores import super_stores
@@ -60,12 +61,27 @@ _WAY_BEATS = 32
 """Beats that the FIFO of a merge way holds."""
 
 
+_TWICE = ("projection_unit", "supertile_test", "tile_merge_unit", "depth_buckets")
+"""Units with memories of which machines with overlapped phases have two: output queues of shared datapaths, one for each phase,
+and level tables and lists, one for each frame in flight."""
+
+_OF_ONE_PHASE = (("supertile_test", "lines"),)
+"""Memories of such units that only one phase uses."""
+
+
 def stores(config: AcceleratorConfig) -> tuple[Store, ...]:
     """The memories of a machine. Those that are always too small for SRAM are left out: they are part of a unit's logic."""
     if config.supertiles:
-        return (*_queues(config), *_projection(config), *_sorting(config), *super_stores(config), *_output(config))
+        found = [*_queues(config), *_projection(config), *_sorting(config), *super_stores(config), *_output(config)]
+        return tuple(_of_both_phases(store) if config.overlap else store for store in found)
     found = [*_queues(config), *_projection(config), *_culling(config), *_lists(config), *_sorting(config), *_drawing(config)]
     return (*found, *_warp(config)) if config.stereo else tuple(found)
+
+
+def _of_both_phases(store: Store) -> Store:
+    """A memory as it is in machines whose phases overlap: twice where both phases use one."""
+    twice = store.unit in _TWICE and (store.unit, store.name) not in _OF_ONE_PHASE
+    return replace(store, count=2 * store.count) if twice else store
 
 
 def _queues(config: AcceleratorConfig) -> Iterator[Store]:

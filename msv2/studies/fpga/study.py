@@ -3,10 +3,11 @@
     msv2 study run fpga                     every unit of the machines `tiny` and `paper`, one after the other
     msv2 study run fpga --unit axi_master   only the rows of this unit; the other rows stay
     msv2 study run fpga --minutes 10        stop after 10 minutes; the report names the units that were not reached
+    msv2 study run fpga --machine           only the machine `fpga` as a whole: what `msv2 fpga` builds (msv2.fpga)
     msv2 study run fpga --check             only says whether the page differs from the report
 
 A unit is synthesised alone, as one flat netlist, in a process of its own with limits of time and memory. Where a limit is
-met, the report says so in place of the numbers. Nothing is placed or routed, so there are no clock rates here.
+met, the report says so in place of the numbers. Only the machine `fpga` is placed and routed, and so has a clock rate.
 
 What was synthesised is kept in build/fpga under a hash of the unit's netlist before synthesis: a study that was interrupted
 goes on where it was, and after a change of the RTL only the changed units are synthesised.
@@ -29,12 +30,13 @@ from pathlib import Path
 from golden.scenes.files import read_json
 from golden.scenes.request import make_folder, write_json
 from msv2.studies import page
+from msv2.studies.fpga import machine
 from msv2.studies.fpga.measure import COMMANDS, CPU_SECONDS, FAMILIES, MEMORY_GB
 from msv2.studies.record import write_report
 from rtl.emit import to_rtlil
 from rtl.units import TOP, UNITS, stage_of
 from spec.command_line import choice, command_parser
-from spec.config import CONFIGS, PAPER, TINY
+from spec.config import CONFIGS, FPGA, PAPER, TINY
 from spec.errors import InputError
 from spec.extras import how_to_get
 from spec.paths import BUILD, DOCS, REPORTS, ROOT
@@ -201,9 +203,11 @@ def left_out(rows: Sequence[Row]) -> str:
 
 def fill(*, check: bool = False) -> int:
     """Writes the tables into docs/fpga.md. With `check` it changes nothing and returns 1 where the page would change."""
-    rows = read_json(REPORT)["rows"]
+    report = read_json(REPORT)
+    rows = report["rows"]
     tables = {f"fpga_{config.name}": lambda name=config.name: table(rows, name) for config in MACHINES}
-    return page.fill(PAGE, tables | {"fpga_left_out": lambda: left_out(rows)}, check=check, complete=True)
+    return page.fill(PAGE, tables | {"fpga_left_out": lambda: left_out(rows), "fpga_machine": lambda: machine.table(report)},
+                     check=check, complete=True)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -211,6 +215,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = command_parser("msv2 study run fpga", __doc__)
     parser.add_argument("--unit", action="append", metavar="UNIT", help="only this unit; may be given several times")
     parser.add_argument("--minutes", type=float, default=math.inf, metavar="N", help="stop after N minutes (default: no limit)")
+    parser.add_argument("--machine", action="store_true", help="only the machine `fpga` as a whole")
     parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where the page is stale")
     args = parser.parse_args(argv)
     if args.check:
@@ -220,11 +225,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     if flow.libyosys is None:
         raise InputError(f"the study needs pyosys, which is not installed; {how_to_get('pyosys')}")
     units = [choice("unit", name, UNITS) for name in args.unit or UNITS]
-    old = read_json(REPORT) if REPORT.exists() and args.unit else None
+    before = read_json(REPORT) if REPORT.exists() else None
+    if args.machine:
+        found = machine.measured(make_folder(BUILD / "fpga"))
+        write_report(REPORT, {**(before or {"rows": []}), **found}, [__name__, MEASURE, *machine.MODULES],
+                     {"units": units, "machines": [FPGA]}, earlier=before)
+        return fill()
+    old = before if args.unit else None
     until = time.monotonic() + 60 * args.minutes
     measured = measure(units, make_folder(BUILD / "fpga"), until)
     others = [row for row in (old or {"rows": []})["rows"] if row["unit"] not in units]
     write_report(REPORT, {"yosys": flow.version(), "limits": {"cpu_seconds": CPU_SECONDS, "memory_gb": MEMORY_GB},
-                          "rows": in_order([*others, *measured])}, [__name__, MEASURE],
+                          "rows": in_order([*others, *measured]), **machine.kept(before)}, [__name__, MEASURE],
                  {"units": units, "machines": [CONFIGS[config.name] for config in MACHINES]}, earlier=old)
     return fill()

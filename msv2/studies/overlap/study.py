@@ -1,5 +1,5 @@
 """`msv2 study run overlap`: what frames in a row take where the first phase of each runs beside the second phase of the one
-before: overlap.{json,md}. The cycle model alone; no RTL does this.
+before: overlap.{json,md}. The cycle model alone; `msv2 study run frames_overlap` plays frames in a row through the RTL.
 
 examples:
   msv2 study run overlap                              all frames

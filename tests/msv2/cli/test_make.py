@@ -23,7 +23,7 @@ SHOWN = dict(make_help.described(TEXT))
 OLD = ("help", "setup", "demo", "render", "frame", "sim", "synth", "report-area", "perf", "report-energy",
        "report-performance", "report", "train", "tables-training", "table-ecc", "table-effects", "tradeoff", "bench", "results",
        "stability", "docs", "test", "test-long", "lint", "base", "tested")
-NEW = ("verilog", "doctor", "study", "check")
+NEW = ("verilog", "fpga", "doctor", "study", "check")
 
 
 def make(*argv: str) -> subprocess.CompletedProcess:
@@ -46,8 +46,8 @@ def test_every_target_is_there():
 def test_targets_dispatch(target):
     """One call of a command behind the set-up; `test`, `lint` and `check` start pytest and ruff."""
     last = commands(target)[-1]
-    assert last[0] in COMMANDS or target in ("help", "setup", "base", "tested", "documented", "viewable", "test", "test-long",
-                                             "lint", "check")
+    assert last[0] in COMMANDS or target in ("help", "setup", "base", "tested", "documented", "viewable", "mappable", "test",
+                                             "test-long", "lint", "check")
 
 
 @pytest.mark.parametrize("target", sorted(SHOWN))

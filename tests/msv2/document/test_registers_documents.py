@@ -10,7 +10,8 @@ import pytest
 from msv2.document.registers import MAKERS
 from msv2.document.registers_map import EVERY_MACHINE, JOINT_MACHINE, SUPERTILE_MACHINE, register_list, words_of
 from spec.config import TINY, TINY_V3, AcceleratorConfig
-from spec.registers import Access, Register, register_map
+from spec.register_fields import Access, Register
+from spec.registers import register_map
 
 MACHINES = {"tiny": TINY, "without_counters": TINY.with_(counters=False), "super_tiles": TINY_V3,
             "every": EVERY_MACHINE}
@@ -49,7 +50,7 @@ def test_systemrdl_compiles_and_agrees_with_the_table(name: str, tmp_path: Path)
     status, = (r for r in registers if r.inst_name == "status")
     phase = status.get_child_by_name("phase").get_property("encode")
     assert {member.name: member.value for member in phase} == {"IDLE": 0, "CLEAR": 1, "TABLE": 2, "GEOMETRY": 3, "RENDER": 4,
-                                                               "DRAIN": 5, "RESET": 6}
+                                                               "DRAIN": 5, "RESET": 6, "WAIT": 7}
 
 
 @pytest.mark.parametrize("name", MACHINES)

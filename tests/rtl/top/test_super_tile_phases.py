@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from rtl.top import bin_phase, gather_phase, geometry_phase, machine, render_phase
+from rtl.top import bin_phase, gather_phase, geometry_phase, machine, overlap, render_phase
+from rtl.top.list_sets import ListSets
+from rtl.top.overlap_controller import OverlapController
 from rtl.top.splat_path import SplatPath
+from rtl.top.splat_paths import SplatPaths
 from spec import registers
-from spec.config import TINY, TINY_STREAMS, TINY_V3, V3, V3_STREAMS
+from spec.config import TINY, TINY_OVERLAP, TINY_STREAMS, TINY_V3, V3, V3_STREAMS
 
 UNITS = (bin_phase.BinPhase, gather_phase.GatherPhase, SplatPath)
 
@@ -31,8 +34,24 @@ def test_clients_and_stages_are_those_of_both_phases(config):
     assert bin_phase.STAGES + gather_phase.STAGES == registers.stages(config)
 
 
+def test_clients_of_overlapped_phases_are_apart():
+    first, second = bin_phase.BinPhase(TINY_OVERLAP), gather_phase.GatherPhase(TINY_OVERLAP)
+    found = {name: overlap.users(name, first, second) for name in registers.read_clients(TINY_OVERLAP)}
+    assert [len(users) for users in found.values()] == [1, 1, 1, 1, 1, 1, 2]
+    assert found["first"] == [(first.reads_tiles, first.data_tiles), (first.reads_chunks, first.data_chunks)]
+    assert found["tiles"] == [(second.reads_tiles, second.data_tiles)]
+
+
+@pytest.mark.parametrize("unit", [SplatPaths, ListSets, OverlapController], ids=lambda unit: unit.__name__)
+def test_units_of_overlapped_phases_are_of_such_machines(unit):
+    with pytest.raises(TypeError, match="config must be an AcceleratorConfig, not 'tiny'"):
+        unit("tiny")
+    with pytest.raises(ValueError, match="overlap must be True, not False"):
+        unit(TINY_V3)
+
+
 def test_every_event_has_one_source():
-    for config in (TINY_V3, TINY_STREAMS):
+    for config in (TINY_V3, TINY_STREAMS, TINY_OVERLAP):
         units = bin_phase.BinPhase(config), gather_phase.GatherPhase(config)
         for name in registers.events(config):
             assert sum(name in unit.signature.members for unit in units) == 1, name

@@ -10,6 +10,7 @@ import pytest
 from amaranth.sim import Simulator
 
 from rtl.emit import Emission, to_verilog
+from rtl.vrc_array.memory_row import MemoryCore, MemoryRow
 from rtl.vrc_array.pixel_core import PixelCore
 from rtl.vrc_array.row import PIPELINE, VrcRow
 from spec.config import PAPER_SMALL, TINY, AcceleratorConfig
@@ -91,7 +92,7 @@ def alpha_of(t: int, outer: int, last: int) -> int:
 
 def run(config: AcceleratorConfig, ops: list[Op], rows: int = 1) -> tuple[list[tuple], list[tuple], list[list[int]]]:
     """(expected, seen, stopped): per drained op, block, [column][level] of (transmittance, colour sums, depth)."""
-    row = VrcRow(config)
+    row = (MemoryRow if config.bank_memories else VrcRow)(config)
     lanes, seen, stopped = range(config.cores_x), [], []
     blank = Op(e=(0,) * config.cores_x, cut=0, valid=0, drain=1)
 
@@ -184,10 +185,11 @@ def test_alpha_of_every_exponent(outer: int) -> None:
     check_alpha(outer, list(range(CUT_MIN - 3, 40)))
 
 
+@pytest.mark.parametrize("bank_memories", [False, True])
 @pytest.mark.parametrize("levels, depth, fine", [(4, True, False), (4, False, False), (1, True, False), (4, True, True)])
-def test_random_tiles(levels: int, depth: bool, fine: bool) -> None:
+def test_random_tiles(levels: int, depth: bool, fine: bool, bank_memories: bool) -> None:
     """Tiles back to back, banks alternating, bubbles, stops, empty tiles; everything of every drain is compared."""
-    config = PLAIN.with_(levels=levels, depth=depth, fine_depth=fine)
+    config = PLAIN.with_(levels=levels, depth=depth, fine_depth=fine, bank_memories=bank_memories)
     rng = random.Random(7)
     ops = [op for _ in range(TILES) for op in random_tile(rng, config)]
     expected, seen, _ = run(config, ops)
@@ -222,12 +224,13 @@ def random_tile(rng: random.Random, config: AcceleratorConfig) -> list[Op]:
     return ops
 
 
-def test_stopped_when_every_pixel_is() -> None:
+@pytest.mark.parametrize("bank_memories", [False, True])
+def test_stopped_when_every_pixel_is(bank_memories: bool) -> None:
     """`stopped` of a level bank rises with the last core's transmittance and falls with the next tile."""
     opaque = level_exponent(0)
     half = Op(e=(opaque, level_exponent(-9000)), cut=CUT_MIN, first=1)
     ops = [half, Op(e=(opaque, opaque), cut=CUT_MIN), Op(e=(0, 0), cut=0, last=1, drain=1), half]
-    _, _, stopped = run(PLAIN, ops)
+    _, _, stopped = run(PLAIN.with_(bank_memories=bank_memories), ops)
     assert [s[0] for s in stopped][PIPELINE : PIPELINE + 5] == [0, 1, 1, 0, 0]
 
 
@@ -240,10 +243,28 @@ def test_formats_that_do_not_fit_are_rejected(field_name: str, value: object, me
         PixelCore(PAPER_SMALL.with_(formats=replace(N, **{field_name: value})))
 
 
-@pytest.mark.parametrize("make", [PixelCore, VrcRow])
+def test_memories_show_the_blocks_of_their_ops_alone() -> None:
+    """`stopped` of banks in memories looks at all blocks: it rises with the last one and falls with the next tile."""
+    config, opaque = PLAIN.with_(bank_memories=True), level_exponent(0)
+    blocks = [Op(e=(opaque, opaque), cut=CUT_MIN, first=1, bank=config.level_banks * block) for block in range(config.blocks)]
+    again = Op(e=(level_exponent(-9000),) * 2, cut=CUT_MIN, first=1)
+    kept = run(config.with_(bank_memories=False), [*blocks, *blocks, again, again])[2]
+    stopped = run(config, [*blocks, *blocks, again, again])[2]
+    begun = len(blocks) + PIPELINE
+    assert [s[0] for s in stopped[begun:]] == [s[0] for s in kept[begun:]]
+    assert {s[0] for s in stopped[begun:]} == {0, 1}
+
+
+@pytest.mark.parametrize("make", [PixelCore, VrcRow, MemoryRow])
 def test_config_is_required(make: type) -> None:
     with pytest.raises(TypeError, match=r"not 16$"):
         make(16)
+
+
+@pytest.mark.parametrize("make", [MemoryCore, MemoryRow])
+def test_memories_are_of_machines_with_them(make: type) -> None:
+    with pytest.raises(ValueError, match=r"^bank_memories must be True, not False$"):
+        make(PLAIN)
 
 
 def test_emission_shares_the_core() -> None:

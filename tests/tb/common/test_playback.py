@@ -9,7 +9,7 @@ from tb.common.patterns import Pattern
 from tb.common.playback import ERRORS
 from tb.common.player import Run, play
 from tb.common.runner import Design, SimulationError, Waves, build, simulate
-from tests.helpers.faulty_unit import CHANGES, DOUBLES, RECORD, STOPS, SWALLOWS, WITHDRAWS, faulty_playback
+from tests.helpers.faulty_unit import CHANGES, DOUBLES, RECORD, REPEATS, STOPS, SWALLOWS, WITHDRAWS, faulty_playback
 
 COUNT, KEY = 50, 0xA5
 
@@ -40,6 +40,7 @@ RUNS = {
     "swallows": run_with(SWALLOWS),
     "doubles": run_with(DOUBLES),
     "stops": run_with(STOPS),
+    "repeats for ever": run_with(REPEATS),
     "after the faults": run_with(),
 }
 
@@ -67,7 +68,8 @@ def test_pauses_cost_cycles(recordings):
 
 
 @pytest.mark.parametrize(
-    ("name", "bits"), [("changes", 1), ("withdraws", 1), ("swallows", 2), ("doubles", 4), ("stops", 2 | 8)])
+    ("name", "bits"),
+    [("changes", 1), ("withdraws", 1), ("swallows", 2), ("doubles", 4), ("stops", 2 | 8), ("repeats for ever", 4)])
 def test_faults_are_caught(recordings, name, bits):
     assert set(recordings[name].errors) >= {text for bit, text in ERRORS.items() if bit & bits}
 

@@ -10,6 +10,8 @@ import pytest
 from msv2.studies.area.stores import Store, stores
 from rtl.supertiles.pair_expand import PairExpand
 from rtl.supertiles.stream_buffer import StreamBuffer
+from rtl.top.list_sets import ListSets
+from rtl.top.splat_paths import SplatPaths
 from rtl.units import UNITS
 from rtl.vrc_array.batch_collect import BatchCollect
 from rtl.vrc_array.collect import Collect
@@ -21,6 +23,7 @@ from spec.config import (
     PAPER_SMALL,
     TINY,
     TINY_EYES,
+    TINY_OVERLAP,
     TINY_STREAMS,
     TINY_V3,
     V3,
@@ -110,6 +113,16 @@ def test_memories_of_several_streams_are_the_rtls(config):
 def test_the_queue_of_lines_is_the_rtls(config):
     lines, = (store for store in stores(config) if store.name == "lines" and store.unit == "supertile_test")
     assert Counter({(lines.words, lines.width): 1}) == of_rtl(PairExpand(config))
+
+
+def test_memories_of_overlapped_phases_are_the_rtls():
+    """Those of both frames in flight: lists, level tables and the tile tests' queues."""
+    assert of_rtl(ListSets(TINY_OVERLAP)) == of_table(TINY_OVERLAP, "depth_buckets") + of_table(TINY_OVERLAP, "tile_merge_unit")
+    found = of_rtl(SplatPaths(TINY_OVERLAP))
+    for name, count in (("levels", 4), ("queue", 2), ("lines", 1)):
+        store, = (store for store in stores(TINY_OVERLAP) if (store.unit, store.name) == ("supertile_test", name))
+        assert store.count == count
+        assert found[store.words, store.width] == count * (store.words * store.width > FLIP_FLOP_BITS)
 
 
 def test_machines_with_super_tiles_have_no_memories_for_splat_records():
