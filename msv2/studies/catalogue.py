@@ -106,6 +106,8 @@ STUDIES = (
           (Report("--keep", _files("accuracy_stereo", "json", "md"), 3, SCENES),)),
     Study("area", "msv2.studies.area.study", "area and clocks of the machine, by build, beside the paper's",
           (Report("--keep", _files("area", "json", "md", "png"), 120, PDK),)),
+    Study("area_eyes", "msv2.studies.area.eyes", "area and timing of the units that two eyes in one list need",
+          (Report("--keep", _files("area_eyes", "json", "md"), 30, PDK),)),
     Study("colour", "msv2.studies.colour.study", "errors, products and gates of the colour unit",
           (Report("--keep", ("colour.json",), 10),)),
     Study("culling_area", "msv2.studies.area.culling", "one culling pipeline against several that share operators",

@@ -10,7 +10,7 @@ frame packer as it was synthesised alone. Memories are taken from the table of
 shapes (`msv2.studies.area.stores`) and built of macros as in synthesis (`synth.macros`), so that a larger cache costs the
 area of its lines and tags. With several streams, what every array has of its own counts as often: setup, sequencer, rows,
 collection and blending; their batch buffer and the join of their rows are the units that were synthesised alone. What the tile
-test adds is left out: some hundred flip-flops.
+test adds is left out: some hundred flip-flops. With joint frames, the units of `msv2.studies.area.eyes` are larger, or new.
 For PAPER with the presets' formats, which was synthesised, the estimate is within 1 % of the builds
 (tests/msv2/studies/area/test_estimate.py). Areas are in um^2 at 16 nm.
 """
@@ -18,9 +18,10 @@ For PAPER with the presets' formats, which was synthesised, the estimate is with
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import cache
+from typing import Any
 
 from msv2.studies.area.replaced import SUPERTILE_LISTS
 from msv2.studies.area.stores import stores
@@ -32,7 +33,8 @@ from synth.macros import FLOP_UM2, MUX_UM2, make
 from synth.memories import Macro
 from synth.scaling import TO_16NM
 
-REPORT, CULLING_REPORT, SYNTHESIS_REPORT = (REPORTS / f"{name}.json" for name in ("area", "culling_area", "synthesis"))
+REPORT, CULLING_REPORT, SYNTHESIS_REPORT, REPORT_OF_EYES = (
+    REPORTS / f"{name}.json" for name in ("area", "culling_area", "synthesis", "area_eyes"))
 
 SHORTENED = {
     name: PAPER.with_(name=name, formats=config.formats, sh_degree=config.sh_degree) for name, config in PRESETS.items()}
@@ -99,15 +101,19 @@ class AreaEstimate:
 
 @cache
 def _report(name: str) -> dict:
-    path = {"area": REPORT, "culling": CULLING_REPORT, "synthesis": SYNTHESIS_REPORT}[name]
+    path = {"area": REPORT, "culling": CULLING_REPORT, "synthesis": SYNTHESIS_REPORT, "eyes": REPORT_OF_EYES}[name]
     try:
         return json.loads(path.read_text())
     except (OSError, ValueError) as error:
         raise InputError(f"{path} is not a report of areas ({error}): see `msv2 study list --reports`") from error
 
 
-def estimate_area(config: AcceleratorConfig) -> AreaEstimate:
+def estimate_area(config: AcceleratorConfig, eyes: Iterable[Mapping[str, Any]] | None = None) -> AreaEstimate:
     """The area of a machine.
+
+    Args:
+        config: the machine.
+        eyes: the rows of reports/area_eyes.json; None for those that are there.
 
     Raises:
         InputError: a report of synthesis is missing.
@@ -120,13 +126,22 @@ def estimate_area(config: AcceleratorConfig) -> AreaEstimate:
     base, here, there = _of_build(name), _memories(config), _memories(build)
     chunks = _chunk_units() if config.chunks and not config.supertiles else {}
     packer = {LISTS: _synthesised_um2("frame_packer") * _TO_16NM} if config.packed else {}
+    both = _of_both_eyes(_report("eyes")["rows"] if eyes is None else eyes) if config.joint else {}
     second = _second_frame() if config.overlap else {}
+    added = (chunks, packer, both, second)
     groups = {
-        group: GroupArea(base[group].logic_um2 * _logic(group, config, build) + chunks.get(group, 0.0) + packer.get(group, 0.0)
-                         + second.get(group, 0.0),
+        group: GroupArea(base[group].logic_um2 * _logic(group, config, build) + sum(more.get(group, 0.0) for more in added),
                          max(0.0, base[group].memory_um2 + here.get(group, 0.0) - there.get(group, 0.0)))
         for group in base}
     return AreaEstimate(groups, ESTIMATE, name)
+
+
+def _of_both_eyes(rows: Iterable[Mapping[str, Any]]) -> dict[str, float]:
+    """Logic that joint frames add to a group, in um^2 at 16 nm: of what was synthesised alone (`msv2.studies.area.eyes`)."""
+    found: dict[str, float] = {}
+    for row in rows:
+        found[row["group"]] = found.get(row["group"], 0.0) + row["added_um2"] * _TO_16NM
+    return found
 
 
 def _of_build(name: str) -> dict[str, GroupArea]:
