@@ -49,7 +49,7 @@ def test_systemrdl_compiles_and_agrees_with_the_table(name: str, tmp_path: Path)
     status, = (r for r in registers if r.inst_name == "status")
     phase = status.get_child_by_name("phase").get_property("encode")
     assert {member.name: member.value for member in phase} == {"IDLE": 0, "CLEAR": 1, "TABLE": 2, "GEOMETRY": 3, "RENDER": 4,
-                                                               "DRAIN": 5, "RESET": 6}
+                                                               "DRAIN": 5, "RESET": 6, "WAIT": 7}
 
 
 @pytest.mark.parametrize("name", MACHINES)
