@@ -157,8 +157,9 @@ def merge_latency(config: AcceleratorConfig, beta: int | None) -> int:
 
 
 def _bytes(beats: np.ndarray, names: tuple[str, ...], clients: tuple[str, ...]) -> dict[str, int]:
-    """Bytes by client of a machine."""
-    return {name: BEAT_BYTES * int(beats[names.index(name)]) for name in clients}
+    """Bytes by client of a machine. For frames alone on a machine whose phases overlap, what its client `first` reads counts as
+    that of `tiles` and `chunks`, which read the same in phases in turn."""
+    return {name: BEAT_BYTES * int(beats[names.index(name)]) for name in clients if name in names}
 
 
 def _results(s: np.record, cycles: int, watched: tuple[str, ...]) -> _Pass:

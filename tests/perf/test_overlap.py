@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import pytest
 
 from golden.msv2_ref import pipeline
+from golden.scenes.load import EMBEDDED
 from golden.scenes.request import parse_request, resolve
 from perf.model import MemoryModel
 from perf.overlap import OverlapCycles, simulate_overlap
 from perf.supertiles import SuperCycles, simulate_supertiles
 from perf.supertiles_trace import SuperTrace, super_trace
 from spec.config import V3, V3_RECORDS
+from spec.paths import REPORTS
 
 MEMORIES = {
     "ideal": MemoryModel("ideal"), "unlimited": MemoryModel("ideal", bytes_per_cycle=None), "lpddr3": MemoryModel("lpddr3")}
@@ -63,3 +66,16 @@ def test_half_the_bandwidth_takes_about_twice_as_long_where_memory_limits_the_fr
 def test_a_machine_with_lists_by_tile_is_refused(trace):
     with pytest.raises(ValueError, match="lists"):
         simulate_overlap(trace, V3_RECORDS)
+
+
+def test_the_period_of_a_frame_of_the_rtl():
+    """The embedded scene's row of reports/frames_overlap.json, which the RTL of `v3_overlap` played without a difference."""
+    row = next(row for row in json.loads((REPORTS / "frames_overlap.json").read_text())["rows"] if row["scene"] == EMBEDDED)
+    width, height = row["size"].split("x")
+    asked = resolve(parse_request(EMBEDDED, "--size", row["size"], "--gaze", f"{int(width) // 2},{int(height) // 2}",
+                                  "--levels", "4", "--levels-from", "random"))
+    trace = super_trace(pipeline.render(asked.model, asked.camera, config=V3, foveation=asked.foveation,
+                                        background=asked.background))
+    found = simulate_overlap(trace, V3, memory=MEMORIES["ideal"], display=True)
+    assert row["machine"] == "v3_overlap" and row["problems"] == []
+    assert abs(found.period / row["period"] - 1) < 0.02
