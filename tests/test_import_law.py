@@ -38,8 +38,8 @@ LAW: dict[str, tuple[str, ...]] = {
 }
 """What each room may know, directly or through what it knows; every room knows `spec`."""
 
-EVERYTHING = ("msv2.studies", "msv2.fpga", "msv2.sweep", "msv2.video", "msv2.viewer", "msv2.cli", "msv2.__main__", "golden.render",
-              "golden.train")
+EVERYTHING = ("msv2.studies", "msv2.fpga", "msv2.sweep", "msv2.video", "msv2.viewer", "msv2.cli", "msv2.__main__",
+              "golden.render", "golden.train")
 """Rooms that may know all others, and that none of those may know; golden/render.py and golden/train.py are command lines."""
 
 OPEN = ("golden", "msv2")

@@ -35,7 +35,7 @@ def table(report: Mapping[str, Any]) -> str:
     """What the system takes, and what else was found, in Markdown."""
     found = report.get("machine")
     if found is None:
-        return "The machine was not built yet."
+        return "The report has no numbers of the machine yet: `msv2 study run fpga --machine` measures them."
     rows = [[_KINDS[kind], f"{used:,}", f"{found['of'][kind]:,}", f"{100 * used / found['of'][kind]:.0f} %"]
             for kind, used in found["used"].items()]
     said = page.table([f"on {found['device']}", "taken", "there are", "share"], rows, left=1)
