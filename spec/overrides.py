@@ -47,11 +47,8 @@ _BEFORE_CHUNKS: dict[str, object] = {
 _BEFORE_SUPERTILES: dict[str, object] = {
     f.name: f.default for f in fields(AcceleratorConfig)
     if f.name in ("lists", "list_heads", "buckets", "header_lines", "batch_places")}
-_BEFORE_LOCKSTEP: dict[str, object] = {"lockstep": False}
-_BEFORE_STREAMS: dict[str, object] = {"streams": 1}
-_BEFORE_PACKED: dict[str, object] = {"packed": False}
-_BEFORE_JOINT: dict[str, object] = {"joint": False}
-_BEFORE_OVERLAP: dict[str, object] = {"overlap": False}
+_LATER: tuple[dict[str, object], ...] = (
+    {"lockstep": False}, {"streams": 1}, {"packed": False}, {"joint": False}, {"overlap": False}, {"bank_memories": False})
 _HASH_DIGITS = 8
 
 NAMES = tuple(_KINDS)
@@ -276,8 +273,8 @@ def config_options(args: argparse.Namespace) -> list[str]:
 
 def config_from_record(record: Mapping[str, object]) -> AcceleratorConfig:
     """The machine that `config_record` described; where the record is from before machines with chunks, with super-tiles,
-    in lockstep, with several streams, with packed frames, with joint frames or with overlapped phases, the machine has
-    none.
+    in lockstep, with several streams, with packed frames, with joint frames, with overlapped phases or with banks in
+    memories, the machine has none.
 
     Raises:
         InputError: a parameter is missing, unknown or not accepted.
@@ -287,8 +284,7 @@ def config_from_record(record: Mapping[str, object]) -> AcceleratorConfig:
         raise InputError(f"{FORMATS} {formats!r} is not accepted in a configuration's record: one value for each format is")
     given = {name: value for name, value in record.items() if name != FORMATS}
     given |= {f"{FORMATS}.{name}": value for name, value in formats.items()}
-    for before in (_BEFORE_CHUNKS, _BEFORE_SUPERTILES, _BEFORE_LOCKSTEP, _BEFORE_STREAMS, _BEFORE_PACKED, _BEFORE_JOINT,
-                   _BEFORE_OVERLAP):
+    for before in (_BEFORE_CHUNKS, _BEFORE_SUPERTILES, *_LATER):
         if not given.keys() & before.keys():
             given |= before
     missing = [name for name in NAMES if name not in given]

@@ -118,33 +118,12 @@ def test_a_record_from_before_super_tiles_is_a_machine_without_them():
         assert config_from_record(config_record(machine)) == machine
 
 
-def test_a_record_from_before_lockstep_is_a_machine_without_it():
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("lockstep", False), ("streams", 1), ("packed", False), ("joint", False), ("overlap", False), ("bank_memories", False)])
+def test_a_record_from_before_a_parameter_is_a_machine_without_it(name, value):
     record = config_record(V3)
-    assert record.pop("lockstep") is False
-    assert config_from_record(record) == V3
-
-
-def test_a_record_from_before_packed_frames_is_a_machine_that_packs_none():
-    record = config_record(V3)
-    assert record.pop("packed") is False
-    assert config_from_record(record) == V3
-
-
-def test_a_record_from_before_joint_frames_is_a_machine_without_them():
-    record = config_record(V3)
-    assert record.pop("joint") is False
-    assert config_from_record(record) == V3
-
-
-def test_a_record_from_before_overlapped_phases_is_a_machine_without_them():
-    record = config_record(V3)
-    assert record.pop("overlap") is False
-    assert config_from_record(record) == V3
-
-
-def test_a_record_from_before_streams_is_a_machine_with_one():
-    record = config_record(V3)
-    assert record.pop("streams") == 1
+    assert record.pop(name) == value
     assert config_from_record(record) == V3
 
 
