@@ -15,7 +15,7 @@ from spec import host_settings, registers
 from spec.codes import ErrorCode, Phase
 from spec.config import AcceleratorConfig
 from spec.paths import DOCS
-from spec.registers import Register
+from spec.register_types import Register
 
 
 def _with_bits(group: list[Register]) -> list[str]:

@@ -12,7 +12,7 @@ from spec import registers
 from spec.codes import Code
 from spec.config import PAPER, AcceleratorConfig
 from spec.host_settings import with_every_register
-from spec.registers import Register
+from spec.register_types import Register
 
 EVERY_MACHINE, SUPERTILE_MACHINE, JOINT_MACHINE = with_every_register(PAPER)
 """The machines of the documents in docs/, which describe the first and what the others have besides. Together they have all

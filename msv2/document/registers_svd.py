@@ -7,7 +7,8 @@ from xml.etree.ElementTree import Element, SubElement
 
 from msv2.document.registers_map import enum_docs, register_list, words_of
 from spec.config import AcceleratorConfig
-from spec.registers import REGISTER_ADDRESS_BITS, VERSION_MAJOR, Access, Bits, Register, version_minor
+from spec.register_types import Access, Bits, Register
+from spec.registers import REGISTER_ADDRESS_BITS, VERSION_MAJOR, version_minor
 
 _ACCESS = {Access.READ_ONLY: "read-only", Access.READ_WRITE: "read-write", Access.CLEARING: "read-write"}
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from msv2.document.registers_map import enum_docs, register_list, words_of
 from spec.codes import Code, ErrorCode, Phase
 from spec.config import AcceleratorConfig
-from spec.registers import REGISTER_ADDRESS_BITS, Access, Bits, Register
+from spec.register_types import Access, Bits, Register
+from spec.registers import REGISTER_ADDRESS_BITS
 
 _ENUMERATIONS: tuple[type[Code], ...] = (Phase, ErrorCode)
 

@@ -13,11 +13,9 @@ from spec.codes import ErrorCode, Phase
 from spec.config import AcceleratorConfig
 from spec.host_settings import limits, settings
 from spec.memory import frame_settings
+from spec.register_types import Access, Bits, Register
 from spec.registers import (
     COUNTERS_BASE,
-    Access,
-    Bits,
-    Register,
     counters,
     identity,
     is_signed,

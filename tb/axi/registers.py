@@ -23,7 +23,7 @@ from spec.codes import ErrorCode, Phase
 from spec.config import AcceleratorConfig
 from spec.memory import frame_settings
 from spec.overrides import config_from_record
-from spec.registers import Access, Register
+from spec.register_types import Access, Register
 from tb.common.runner import CLOCK_NS
 
 START, ABORT, RESET, CLEAR, ENABLE_DONE, ENABLE_ERROR = 1, 2, 4, 8, 0x100, 0x200

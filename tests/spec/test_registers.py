@@ -18,7 +18,8 @@ from spec.errors import InputError
 from spec.formats import SQ
 from spec.memory import frame_settings
 from spec.paths import ROOT
-from spec.registers import COUNTERS_BASE, EVENTS, SETTINGS_BASE, STAGES, Access
+from spec.register_types import Access
+from spec.registers import COUNTERS_BASE, EVENTS, SETTINGS_BASE, STAGES
 from spec.saturations import SATURATIONS
 
 STEREO = PAPER.with_(name="stereo", stereo=True)

@@ -10,7 +10,8 @@ import pytest
 from msv2.document.registers import MAKERS
 from msv2.document.registers_map import EVERY_MACHINE, JOINT_MACHINE, SUPERTILE_MACHINE, register_list, words_of
 from spec.config import TINY, TINY_V3, AcceleratorConfig
-from spec.registers import Access, Register, register_map
+from spec.register_types import Access, Register
+from spec.registers import register_map
 
 MACHINES = {"tiny": TINY, "without_counters": TINY.with_(counters=False), "super_tiles": TINY_V3,
             "every": EVERY_MACHINE}
