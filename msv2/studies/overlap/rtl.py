@@ -83,7 +83,7 @@ def page(content: dict[str, Any]) -> str:
         "soon as the machine takes it, first of a camera that stands still and then of one that turns. Every pixel and every "
         "event is compared with the integer renderer's. The period is that of the camera that stands still, in cycles, from "
         "one start to the next; the last two columns are the model's phases.", "",
-        *table(("frame", "machine", "frames", "wrong", "period", "model", "model to RTL", "first phase", "second phase"), [
+        table(("frame", "machine", "frames", "wrong", "period", "model", "model to RTL", "first phase", "second phase"), [
             (row["frame"], row["machine"], row["frames"], len(row["problems"]), f"{row['period']:,}", f"{row['model']:,}",
              f"{row['model_over_rtl']:.4f}", f"{row['model_first']:,}", f"{row['model_second']:,}")
             for row in content["rows"]])]) + "\n"
