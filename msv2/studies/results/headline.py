@@ -48,7 +48,8 @@ def _exactness(reports: Reports) -> Iterable[Row]:
     yield ("frames of the RTL equal to the golden renderer", "-", f"{exact} of {len(frames)}",
            f"every bit of {pixels:,} pixels, and every counter, on {machines}"
            + (", also with four arrays and packed frames" if "frames_streams" in reports else "")
-           + (", and of both eyes in one list" if "frames_eyes" in reports else ""))
+           + (", and of both eyes in one list" if "frames_eyes" in reports else "")
+           + _proofs(reports.get("formal")))
     worst = {records: worst_db(views, records) for records in BUDGETS_DB}
     yield ("integer golden renderer against float64", "-", f"{worst['wide']:.1f} dB or more; {worst['compact']:.1f} dB with "
            "compact records", f"the worst of {sum(row['records'] == 'wide' for row in views)} views; the budgets are "
@@ -56,6 +57,11 @@ def _exactness(reports: Reports) -> Iterable[Row]:
     model = reports["model"]["summary"]
     yield ("cycle model against the RTL", "-", f"{100 * model['model_error_total']:.2f} % off at worst",
            f"total cycles of {model['frames']} frames")
+
+
+def _proofs(formal: Mapping[str, Any] | None) -> str:
+    """How much is proven for all inputs, as the end of a sentence; empty if it is not known."""
+    return f"; {formal['proven']} claims about {formal['units']} units are proven for all inputs" if formal else ""
 
 
 def _on_the_trained_scene(reports: Reports) -> str:
@@ -130,7 +136,7 @@ def _our_machine(v3: Mapping[str, Any]) -> Iterable[Row]:
     yield ("frames of our machine, `v3`, over `paper`", "-",
            f"{step['lpddr3_gain']:.2f}x; {step['ideal_gain']:.2f}x with an ideal memory",
            f"records are gathered by super-tile and projected again: {step['bytes_gain']:.2f} times fewer bytes. `v3_records`, "
-           f"half way to it: {before['lpddr3_gain']:.2f}x (`make study NAME=v3`)")
+           f"half way to it: {before['lpddr3_gain']:.2f}x")
 
 
 def _training(reports: Reports) -> Iterable[Row]:
