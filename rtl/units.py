@@ -109,9 +109,11 @@ def _of_compact(config: AcceleratorConfig) -> AcceleratorConfig:
 
 
 def _of_supertiles(config: AcceleratorConfig) -> AcceleratorConfig:
-    """The machine; where its lists are by tile the same one with super-tiles, V3's records, one eye and no lockstep."""
+    """The machine; where its lists are by tile the same one with super-tiles, V3's records, one eye, no lockstep, and banks in
+    registers."""
     return config if config.supertiles else config.with_(
-        order=V3.order, chunks=V3.chunks, records=V3.records, lists=V3.lists, stereo=False, lockstep=False)
+        order=V3.order, chunks=V3.chunks, records=V3.records, lists=V3.lists, stereo=False, lockstep=False,
+        bank_memories=False)
 
 
 def _of_streams(config: AcceleratorConfig) -> AcceleratorConfig:

@@ -90,7 +90,8 @@ def known_records(config: AcceleratorConfig) -> list[tuple[data.StructLayout, Re
         configs.append(config.with_(order="spatial", chunks=True, records="compact"))
     if not config.supertiles:
         configs.append(config.with_(
-            order="spatial", chunks=True, records="compact", lists="supertile", stereo=False, lockstep=False))
+            order="spatial", chunks=True, records="compact", lists="supertile", stereo=False, lockstep=False,
+            bank_memories=False))
     makers = [(make, one) for one in configs for make in (*RECORDS, *MEMORY_RECORDS, *CHUNK_RECORDS, *PACKED_RECORDS)]
     makers += [(make, one) for one in configs if one.supertiles for make in (*SUPERTILE_RECORDS, list_group)]
     return [(layout(record), record) for record in (make(one) for make, one in makers)]

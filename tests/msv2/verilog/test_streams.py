@@ -37,7 +37,8 @@ def record_named(name: str, config: AcceleratorConfig, bits: int) -> Record:
     chunked = config.with_(order="spatial", chunks=True, records="compact")
     makers = [(make, one) for one in (config, chunked)
               for make in (*RECORDS, *MEMORY_RECORDS, *CHUNK_RECORDS, *PACKED_RECORDS)]
-    makers += [(make, chunked.with_(lists="supertile", stereo=False)) for make in (*RECORDS, *SUPERTILE_RECORDS, list_group)]
+    supertiles = chunked.with_(lists="supertile", stereo=False, bank_memories=False)
+    makers += [(make, supertiles) for make in (*RECORDS, *SUPERTILE_RECORDS, list_group)]
     return next(record for make, one in makers if (record := make(one)).name == name and bits in (0, record.width))
 
 

@@ -209,11 +209,18 @@ def test_performance_counters_count_what_their_names_say(config):
             ctx.set(dut.clear, step == 100)
             if config.stereo:
                 ctx.set(dut.target, step % 7 < 3)
+            active, first_phase, first_finished = phase != Phase.IDLE, Phase.IDLE, False
+            if config.overlap:
+                active, first_phase, first_finished = rng.random() < 0.8, rng.choice(list(Phase)), rng.random() < 0.1
+                ctx.set(dut.busy, active)
+                ctx.set(dut.first_phase, first_phase)
+                ctx.set(dut.first_finished, first_finished)
             await ctx.tick()
-            active = phase != Phase.IDLE
             wanted.update({"cycles_target": active} if config.stereo and step % 7 < 3 else {})
             wanted.update(events if step % 3 == 0 else {})
-            wanted.update({"cycles_total": active, "frames": step % 3 == 0, f"cycles_{phase.name.lower()}": 1})
+            wanted.update({"cycles_total": active, "frames": (step % 3 == 0) + first_finished})
+            shown = {phase} if not config.overlap else {first_phase} - {Phase.RENDER} | {phase} & {Phase.RENDER}
+            wanted.update(f"cycles_{one.name.lower()}" for one in shown)
             for i, stage in enumerate(stages):
                 what = "starved" if not valid >> i & 1 else "busy" if ready >> i & 1 else "blocked"
                 wanted[f"{stage}_{what}"] += active
