@@ -64,7 +64,7 @@ class OverlapController(wiring.Component):
         abort_bus: level; the bus takes no more requests.
         reset_units: level; resets the units.
         first_phase, phase: what is done for the frames in their first and second phases, as the host reads it.
-        first_busy: a frame is in its first phase, or frames are being stopped. busy: so it is in any phase.
+        first_busy: a frame is in its first phase, frames are being stopped, or a start is kept. busy: the same of any phase.
         finished: strobe; the frame in its second phase has ended, and `error` says how. first_finished: strobe; a frame has
             ended before its second phase, and `first_error` says how.
 
@@ -99,22 +99,22 @@ class OverlapController(wiring.Component):
         m = Module()
         first, second = Signal(Phase.width(), name="first_state"), Signal(Phase.width(), name="second_state")
         stopping, ends, over = self._stop(m, first, second)
-        runs = Signal()
+        runs, kept = Signal(), Signal()  # kept: a start that came while frames were being stopped
         m.d.comb += runs.eq(~stopping.any() & ~ends)
-        self._first(m, first, second, runs)
+        self._first(m, first, second, runs, kept)
         self._second(m, second, runs)
         with m.If(over):
             m.d.sync += [first.eq(Phase.IDLE), second.eq(Phase.IDLE), self.which.eq(0)]
         m.d.comb += [
-            self.first_busy.eq((first != Phase.IDLE) | stopping.any()),
+            self.first_busy.eq((first != Phase.IDLE) | stopping.any() | kept),
             self.busy.eq(self.first_busy | (second != Phase.IDLE)),
             self.first_phase.eq(Mux(stopping.any() & (first != Phase.IDLE), stopping, first)),
             self.phase.eq(Mux(stopping.any(), stopping, second))]
         return m
 
-    def _first(self, m: Module, first: Signal, second: Signal, runs: Value) -> None:
+    def _first(self, m: Module, first: Signal, second: Signal, runs: Value, kept: Signal) -> None:
         """The phases up to the lists; nothing moves unless `runs`."""
-        rows, kept = Signal(range(2 * self.config.row_width // TILE)), Signal()
+        rows = Signal(range(2 * self.config.row_width // TILE))
         m.d.sync += kept.eq(kept | self.start)
         with m.If(runs):
             with m.Switch(first):

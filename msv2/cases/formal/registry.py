@@ -19,6 +19,8 @@ PARTS = "its parts have proofs; the whole is compared with the golden renderer, 
 WITHIN = "a part of a unit that is proven as a whole"
 NUMBERS = "it has no streams; its numbers are compared with the golden renderer's"
 
+SIDE = "it belongs to the system for an FPGA; random accesses and frames are played through it"
+
 LONG = "the proof ends, but an item takes so many cycles through it that none was seen to leave in the proof's time"
 
 UNPROVEN: dict[str, str] = {
@@ -27,12 +29,16 @@ UNPROVEN: dict[str, str] = {
     "TileTest": PARTS, "WarpUnit": PARTS,
     "RecordFetch": "its queues are too long for a proof; the cache in it has one",
     "Window": "its inputs keep rules of the warp unit that no bench states yet",
+    "ListSets": PARTS, "SplatPaths": PARTS, "PhaseTileTest": PARTS, "System": PARTS,
+    "MemoryBridge": SIDE, "RegisterBridge": SIDE, "Sender": SIDE,
     "VrcArray": PARTS, "BatchArray": PARTS, "HierarchicalSorter": PARTS, "StreamArrays": PARTS,
     "BatchMasks": WITHIN, "BlockSequencer": WITHIN, "BatchSequencer": WITHIN, "BoundsMaker": WITHIN, "ChunkWalk": WITHIN,
-    "ColourSum": WITHIN, "CompactColourSum": WITHIN, "CompactRecordWriter": WITHIN, "Datapath": WITHIN, "PairPlaces": WITHIN,
+    "ColourSum": WITHIN, "CompactColourSum": WITHIN, "CompactRecordWriter": WITHIN, "Datapath": WITHIN,
+    "SharedDatapath": WITHIN, "PairPlaces": WITHIN,
     "RecordWriter": WITHIN, "SuperLevelTable": WITHIN, "LevelTable": WITHIN, "_Place": WITHIN,
     "ChunkTest": LONG, "Projection": LONG, "ProjectionUnit": LONG,
     "Expand": NUMBERS, "Blend": NUMBERS, "BlendWeights": NUMBERS, "PixelCore": NUMBERS, "VrcRow": NUMBERS, "BatchCore": NUMBERS,
+    "MemoryCore": NUMBERS, "MemoryRow": NUMBERS, "KeptCounts": NUMBERS,
     "BatchRow": NUMBERS, "LevelBounds": NUMBERS, "SaturationCounters": NUMBERS, "PerformanceCounters": NUMBERS,
     "StageCounters": NUMBERS, "Disparity": NUMBERS, "Divider": NUMBERS, "RingBank": NUMBERS, "RowQueue": NUMBERS,
     "FloatUnit": "the base class of the operators", "_Root": "the base class of the roots",

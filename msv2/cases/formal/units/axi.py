@@ -12,6 +12,7 @@ from rtl.axi.lite import LiteSlave
 from rtl.axi.master import AxiMaster
 from rtl.axi.registers import RegisterFile
 from rtl.top.controller import FrameController
+from rtl.top.overlap_controller import OverlapController
 from spec.codes import ErrorCode, Phase
 from spec.host_settings import limits
 from spec.registers import register_map
@@ -167,6 +168,34 @@ def control(bench: Bench) -> None:
     bench.never("a frame ends well only in its last phase", unit.phase != Phase.RENDER, when=ends_well)
 
 
+def two_frames(bench: Bench) -> None:
+    """Every frame of two in flight ends, once."""
+    unit, m = bench.unit, bench.m
+    bench.assume(~unit.start | ~unit.first_busy)
+    inside, ends = bench.register("inside", 2), unit.finished | unit.first_finished
+    m.d.sync += inside.eq(inside + unit.start - unit.finished - unit.first_finished)
+    begun, quiet = bench.before(unit.busy), unit.bus_quiet & ~ends
+    done = unit.first_ready & unit.table_done & unit.geometry_done & unit.render_done
+    for name, condition, within in (
+        ("without progress on the bus", ~unit.progress & quiet, 40),
+        ("when all units are done", quiet & done, 30),
+        ("after an abort", unit.abort & quiet, 8),
+        ("after a failure", ((unit.failure != 0) | (unit.first_failure != 0)) & quiet, 8),
+    ):
+        waits = bench.cycles(unit.busy & condition, within + 1)
+        bench.never(f"a frame ends {name} within {within} cycles", waits > within, when=begun & condition)
+    bench.never("two frames at most", inside == 3, when=inside == 2)
+    bench.never("only what began ends", inside < unit.finished + unit.first_finished, when=ends)
+    bench.never("no frame is left where the machine is not busy", inside != 0, when=~unit.busy & ~begun)
+    bench.never("a frame is handed over only while it is in its first phase", ~unit.first_busy, when=unit.hand_over)
+    bench.never("the sets are exchanged after a hand-over or a reset alone",
+                ~bench.before(unit.hand_over) & ~bench.before(unit.reset_units),
+                when=unit.which != bench.before(unit.which))
+    starts = Cat(unit.start_table, unit.start_geometry, unit.start_render)
+    bench.never("no phase starts while the bus drains", starts.any(), when=unit.abort_bus)
+    bench.never("units are reset only while the bus takes nothing", ~unit.abort_bus, when=unit.reset_units)
+
+
 def _free(*names: str) -> dict[str, object]:
     return {"free": names}
 
@@ -201,4 +230,9 @@ PROOFS = (
           "two eyes, watchdog of 16 cycles",
           {"free": ("start", "abort", "failure", "units_ready", "bus_quiet", "progress", "table_done", "geometry_done",
                     "render_done"), "held": {"width": 32, "height": 32}}),
+    Proof(OverlapController, lambda: OverlapController(SMALL.with_(
+        order="spatial", chunks=True, records="compact", lists="supertile", overlap=True), watchdog_bits=4), (two_frames,),
+        "watchdog of 16 cycles",
+        {"free": ("start", "abort", "failure", "first_failure", "first_ready", "bus_quiet", "progress", "table_done",
+                  "geometry_done", "render_done"), "held": {"width": 32, "height": 32}}, quick=True),
 )
