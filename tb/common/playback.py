@@ -146,7 +146,7 @@ module tb ({ports}
   initial if (!$value$plusargs("folder=%s", folder)) folder = ".";
 
   // A run lasts from the rise of `active` until `quiet` cycles after the last expected item; `ends` is its last cycle. An
-  // output that gives as many items too many ends it, too: a unit that emits for ever would otherwise never end.
+  // output that gives far more items than expected ends it, too: a unit that emits for ever would otherwise never end.
   reg active_before = 0;
   wire begins = active & ~active_before;
   wire running = active & active_before & ~over;
@@ -207,6 +207,6 @@ def _wrapper(playback: Playback) -> str:
         complete=" & ".join(f"({n}_taken >= {n}_limit)" for n in outputs),
         ended=" & ".join(f"({n}_ended & ~{n}_valid)" for n in inputs) or "1'b1",
         broken=" | ".join(f"{n}_broken" for n in outputs),
-        flooded=" | ".join(f"({n}_taken > {n}_limit + quiet)" for n in outputs),
+        flooded=" | ".join(f"({n}_taken > {n}_limit + (watchdog << 6))" for n in outputs),
         excess=" | ".join(f"({n}_moves & {n}_taken >= {n}_limit)" for n in outputs),
     )
