@@ -40,7 +40,7 @@ def joint_frames_table(reports: dict[str, dict]) -> str | None:
 
 def joint_combinations_table(reports: dict[str, dict]) -> str | None:
     """Every combination of streams, packed frames and eyes on small machines."""
-    if "combinations" not in reports.get("frames_eyes", {}):
+    if not reports.get("frames_eyes", {}).get("combinations"):
         return None
     rows = [[str(row["streams"]), row["pixels"], str(row["eyes"]), f"{row['frame_cycles']:,}",
              f"{row['dram_bytes']['writes']['frame']:,}", f"{100 * row['model']['error']:+.2f} %", _exact(row)]
