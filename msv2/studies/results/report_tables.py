@@ -38,17 +38,6 @@ def joint_frames_table(reports: dict[str, dict]) -> str | None:
                   "error of the model", "every bit and counter"], rows)
 
 
-def joint_combinations_table(reports: dict[str, dict]) -> str | None:
-    """Every combination of streams, packed frames and eyes on small machines."""
-    if not reports.get("frames_eyes", {}).get("combinations"):
-        return None
-    rows = [[str(row["streams"]), row["pixels"], str(row["eyes"]), f"{row['frame_cycles']:,}",
-             f"{row['dram_bytes']['writes']['frame']:,}", f"{100 * row['model']['error']:+.2f} %", _exact(row)]
-            for row in reports["frames_eyes"]["combinations"]]
-    return table(["arrays", "pixels", "eyes", "cycles", "bytes of the frame", "error of the model", "every bit and counter"],
-                 rows)
-
-
 def _exact(row: Mapping[str, Any]) -> str:
     """Whether a frame and its counters are equal to golden."""
     return "yes" if row["bit_exact"] and not row["counter_errors"] else "NO"
@@ -196,7 +185,7 @@ def full_hd_table(reports: dict[str, dict]) -> str | None:
 
 REPORT_TABLES = {
     "performance": performance_table, "full_hd": full_hd_table, "area": area_table, "energy": energy_table,
-    "model": model_table, "joint_frames": joint_frames_table, "joint_combinations": joint_combinations_table,
+    "model": model_table, "joint_frames": joint_frames_table,
     "presets": presets_table,
     "depths": depths_table, "threshold": threshold_table, "effects_all": effects_table,
     "effect_areas": effect_areas_table,
