@@ -35,6 +35,16 @@ _RESET_CYCLES = 4
 _TILE_SHIFT = (TILE - 1).bit_length()
 
 
+def check_parameters(config: AcceleratorConfig, watchdog_bits: int) -> None:
+    """Raises TypeError or ValueError where a frame controller cannot be made with these parameters."""
+    if not isinstance(config, AcceleratorConfig):
+        raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
+    if not isinstance(watchdog_bits, int) or isinstance(watchdog_bits, bool):
+        raise TypeError(f"watchdog_bits must be an integer, not {watchdog_bits!r}")
+    if not 4 <= watchdog_bits <= 32:
+        raise ValueError(f"watchdog_bits must be in 4..32, not {watchdog_bits!r}")
+
+
 class FrameController(wiring.Component):
     """Runs the phases of a frame.
 
@@ -70,12 +80,7 @@ class FrameController(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig, *, watchdog_bits: int = WATCHDOG_BITS):
-        if not isinstance(config, AcceleratorConfig):
-            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
-        if not isinstance(watchdog_bits, int) or isinstance(watchdog_bits, bool):
-            raise TypeError(f"watchdog_bits must be an integer, not {watchdog_bits!r}")
-        if not 4 <= watchdog_bits <= 32:
-            raise ValueError(f"watchdog_bits must be in 4..32, not {watchdog_bits!r}")
+        check_parameters(config, watchdog_bits)
         self.config, self._watchdog_bits = config, watchdog_bits
         code, phase = unsigned(ErrorCode.width()), unsigned(Phase.width())
         size = {f.name: In(shape(f.format)) for f in frame_settings(config).fields if f.name in ("width", "height")}

@@ -25,6 +25,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.shapes import shape
+from rtl.top.controller import check_parameters
 from spec.codes import ErrorCode, Phase
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
@@ -74,12 +75,7 @@ class OverlapController(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig, *, watchdog_bits: int = WATCHDOG_BITS):
-        if not isinstance(config, AcceleratorConfig):
-            raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
-        if not isinstance(watchdog_bits, int) or isinstance(watchdog_bits, bool):
-            raise TypeError(f"watchdog_bits must be an integer, not {watchdog_bits!r}")
-        if not 4 <= watchdog_bits <= 32:
-            raise ValueError(f"watchdog_bits must be in 4..32, not {watchdog_bits!r}")
+        check_parameters(config, watchdog_bits)
         if not config.overlap:
             raise ValueError(f"overlap must be True, not {config.overlap!r}")
         self.config, self._watchdog_bits = config, watchdog_bits
