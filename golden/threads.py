@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 
 SLICES = 16
 """Number of slices into which any piece of work is cut. It is a constant, so that a sum which is accumulated slice by slice
@@ -25,7 +26,16 @@ def for_slices(kernel: Callable[..., None], count: int, *args: object, workers: 
         args: passed on to the kernel.
         workers: number of threads; `threads` by default.
     """
-    edges = [count * s // SLICES for s in range(SLICES + 1)]
-    with ThreadPoolExecutor(workers or threads) as pool:
-        for done in [pool.submit(kernel, s, edges[s], edges[s + 1], *args) for s in range(SLICES)]:
-            done.result()
+    edges, workers = [count * s // SLICES for s in range(SLICES + 1)], workers or threads
+    if workers == 1:
+        for s in range(SLICES):
+            kernel(s, edges[s], edges[s + 1], *args)
+        return
+    for done in [_pool(workers, os.getpid()).submit(kernel, s, edges[s], edges[s + 1], *args) for s in range(SLICES)]:
+        done.result()
+
+
+@cache
+def _pool(workers: int, process: int) -> ThreadPoolExecutor:
+    """The threads of a process, made once: starting them takes longer than a small kernel. A forked process has its own."""
+    return ThreadPoolExecutor(workers, thread_name_prefix="slices")

@@ -32,14 +32,21 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add = parser.add_argument
     add("--variant", default="H", metavar="H|M|L", help="quality L1 may lose: 1, 2 or 3 %% of the dense model's (default: H)")
     add("--from", dest="source", metavar="DENSE.PLY", help="start from this trained model instead of dense training")
-    add("--baseline", metavar="smfr|mmfr|count|importance",
-        help="levels as random subsets (smfr) or separate models (mmfr); or one level, pruned by opacity or by importance")
+    add("--baseline", metavar="smfr|mmfr|count|importance|lightgs",
+        help="levels as random subsets (smfr) or separate models (mmfr); or one level, pruned by opacity or by importance, or "
+             "at once and distilled as LightGaussian does (lightgs)")
     add("--no-opacity-enhancement", dest="enhancement", action="store_false", help="keep opacities below 1, as in the v1 model")
     add("--size", metavar="WxH", help="size to train at (default: the photographs'; 256x256 for the embedded scene)")
     add("--iterations", type=int, metavar="N", help="for the whole chain, including dense training (default: the scene's)")
     add("--max-points", type=int, metavar="N", help="largest number of points in the dense model (default: the scene's)")
-    add("--pooling-width", type=int, metavar="PX", help="HVSQ pools as in frames of this width; 1237 gives the paper's 1, 3, 7 "
-        "and 12 pixels (default: the frame's width, as if the frame were shown as large as the paper's)")
+    add("--full", action="store_true", help="the size of the tables: up to 1.5 points a pixel in the dense model, and more "
+        "iterations; other options take precedence")
+    add("--gate", default="psnr", metavar="psnr|both", help="what may not fall below the variant's share of the dense model's: "
+        "PSNR, or PSNR and SSIM (default: psnr)")
+    add("--pooling", default="blocks", metavar="blocks|box", help="windows over which HVSQ pools: blocks, as behind the "
+        "paper's numbers, or a box around each pixel, which is stricter (default: blocks)")
+    add("--pooling-width", type=int, metavar="PX", help="HVSQ pools as in frames of this width (default: 1237, which gives the "
+        "paper's 1, 3, 7 and 12 pixels; the frame's own width assumes that it is shown as large as the paper's)")
     add("--no-outside", action="store_true", help="refuse photographs, masks and points that a scene's files name and that lie "
         "outside its folder; without it, absolute paths and ../ are followed")
     add("--seed", type=int, default=0, help="seed of everything drawn at random (default: 0)")

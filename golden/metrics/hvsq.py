@@ -2,8 +2,9 @@
 
 Lower is better. Both images are converted to YCrCb and to a steerable pyramid. Its 25 high-pass and band maps are compared by
 mean and standard deviation over every pixel's pooling window, and its low-pass is compared directly. So there are 51 maps of
-squared differences. Windows are boxes whose width in pixels halves from level to level of the pyramid (`golden.metrics.pooling`
-defines fractional widths). The width is the same for the whole image, or each pixel has its own from its eccentricity.
+squared differences. Windows are boxes or blocks whose width in pixels halves from level to level of the pyramid
+(`golden.metrics.pooling` defines both). The width is the same for the whole image, or each pixel has its own box from its
+eccentricity.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 import torch
 from torch.nn.functional import avg_pool2d, interpolate, threshold
 
-from golden.metrics.pooling import MapPooling, Pooling, UniformPooling
+from golden.metrics.pooling import KINDS, MapPooling, Pooling, UniformPooling
 from golden.metrics.pyramid import LEVELS, MULTIPLE, ORIENTATIONS, SteerablePyramid
 from golden.scenes.gaze import Display
 from spec.constants import DISPLAY_FOV_DEG
@@ -74,22 +75,27 @@ class Hvsq:
     they are.
     """
 
-    def __init__(self, reference: torch.Tensor, pooling: float | np.ndarray | torch.Tensor) -> None:
+    def __init__(self, reference: torch.Tensor, pooling: float | np.ndarray | torch.Tensor, kind: str = "box") -> None:
         """Prepares the statistics of the reference.
 
         Args:
             reference: (H, W, 3) RGB floats of range 1; its device and dtype are those of all results.
             pooling: width of the pooling windows in pixels, one for all (`pooling_px`) or (H, W) (`pooling_map`).
+            kind: one of `golden.metrics.pooling.KINDS`; a map of widths has boxes.
 
         Raises:
-            ValueError: the reference or the width has the wrong shape or dtype, or a width is negative or not finite.
+            ValueError: the reference or the width has the wrong shape or dtype, a width is negative or not finite, or there is
+                no such kind for this width.
         """
         if reference.ndim != 3 or reference.shape[2] != 3 or not reference.is_floating_point():
             raise ValueError(f"a reference must be (H, W, 3) floats, not {tuple(reference.shape)} {reference.dtype}")
         self.shape = reference.shape
         self._size = tuple(-(-n // MULTIPLE) * MULTIPLE for n in self.shape[:2])
         self._pyramid = SteerablePyramid(reference)
-        self._pooling = _poolings(self._checked(pooling), self._size, reference)
+        widths = self._checked(pooling)
+        if kind not in KINDS or (widths.ndim and kind != "box"):
+            raise ValueError(f"kind {kind!r} is not accepted: {' or '.join(KINDS)} is, and box alone with a map of widths")
+        self._pooling = _poolings(widths, self._size, reference, kind)
         with torch.no_grad():
             *levels, self._low = self._features(reference)
             self._reference = [
@@ -233,7 +239,7 @@ def _statistics(maps: torch.Tensor, pooling: Pooling | None) -> tuple[torch.Tens
     return mean, variance.clamp_(min=MIN_VARIANCE).sqrt_()
 
 
-def _poolings(widths: np.ndarray, size: tuple[int, int], like: torch.Tensor) -> list[Pooling | None]:
+def _poolings(widths: np.ndarray, size: tuple[int, int], like: torch.Tensor, kind: str) -> list[Pooling | None]:
     """The pooling of each level that has bands.
 
     It is None where no window is wider than a pixel: the mean is then the pixel itself and there is no deviation.
@@ -243,7 +249,7 @@ def _poolings(widths: np.ndarray, size: tuple[int, int], like: torch.Tensor) -> 
     for scale in (2**level for level in range(LEVELS - 1)):
         if whole is None:
             shape = (size[0] // scale, size[1] // scale)
-            poolings.append(UniformPooling(float(widths) / scale, shape, like) if widths > scale else None)
+            poolings.append(UniformPooling(float(widths) / scale, shape, like, kind) if widths > scale else None)
         else:
             level = avg_pool2d(whole, scale)[0, 0].numpy() / scale
             poolings.append(MapPooling(level, like) if (level > 1).any() else None)

@@ -1,18 +1,28 @@
-"""Means over pooling windows: boxes of fractional width around every pixel, of one size for all pixels or one for each.
+"""Means over pooling windows: boxes of fractional width around every pixel, of one size for all pixels or one for each, or
+blocks.
 
 A box of width w around a pixel covers some neighbours only in part. Each neighbour is weighted by the share of it that lies in
 the box, so the mean is continuous in w, and up to w = 1 it is the pixel itself. At the image's edges only what lies inside the
 image counts.
+
+Blocks are the windows of the code behind the paper's numbers: along each axis, n pixels are reduced to floor(n / w) by
+averaging over areas, and brought back to n by bilinear interpolation. An area begins and ends at whole pixels, so neighbouring
+areas may share a pixel. Blocks do not follow the pixel, so a shift of the image by less than a block changes little: they are
+more lenient than boxes of the same width.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Protocol
 
 import numpy as np
 import torch
 
 from golden.metrics.banded import Banded, separable
+
+KINDS = ("blocks", "box")
+"""The kinds of windows of one width for all pixels."""
 
 
 class Pooling(Protocol):
@@ -26,17 +36,19 @@ class Pooling(Protocol):
 
 
 class UniformPooling:
-    """Boxes that all have the same width, computed as products with two banded matrices."""
+    """Windows that all have the same width, computed as products with two banded matrices."""
 
-    def __init__(self, width_px: float, size: tuple[int, int], like: torch.Tensor) -> None:
+    def __init__(self, width_px: float, size: tuple[int, int], like: torch.Tensor, kind: str = "box") -> None:
         """Prepares the matrices.
 
         Args:
-            width_px: width of the box in pixels.
+            width_px: width of the windows in pixels.
             size: (h, w) of the planes.
             like: a tensor of the planes' device and dtype.
+            kind: one of KINDS.
         """
-        self._bands = [Banded(_box_matrix(width_px, n), like) for n in size]
+        matrix = _block_matrix if kind == "blocks" else _box_matrix
+        self._bands = [Banded(matrix(width_px, n), like) for n in size]
 
     def mean(self, planes: torch.Tensor) -> torch.Tensor:
         """See `Pooling`."""
@@ -105,6 +117,19 @@ def _box_matrix(width: float, n: int) -> np.ndarray:
     start, end = np.maximum(centre - width / 2, 0.0)[:, None], np.minimum(centre + width / 2, n)[:, None]
     pixel = np.arange(n)[None, :]
     return np.maximum(np.minimum(pixel + 1, end) - np.maximum(pixel, start), 0.0) / (end - start)
+
+
+def _block_matrix(width: float, n: int) -> np.ndarray:
+    """(n, n) float64: the average over floor(n / width) areas, at least one, followed by bilinear interpolation."""
+    count = max(1, math.floor(n / width))
+    area = np.arange(count)
+    start, end = area * n // count, -(-(area + 1) * n // count)
+    pixel = np.arange(n)
+    down = ((pixel >= start[:, None]) & (pixel < end[:, None])) / (end - start)[:, None]
+    place = np.clip((pixel + 0.5) * count / n - 0.5, 0.0, count - 1)  # in areas; outside the outermost centres it is constant
+    below = np.minimum(place.astype(np.int64), max(count - 2, 0))
+    share = (place - below)[:, None]
+    return (1 - share) * down[below] + share * down[np.minimum(below + 1, count - 1)]
 
 
 def _between(position: np.ndarray, sign: int, n: int) -> list[tuple[np.ndarray, np.ndarray]]:

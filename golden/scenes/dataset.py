@@ -13,9 +13,9 @@ from golden.scenes.files import is_file
 from golden.scenes.lens import Lens
 from spec.errors import InputError
 
-UNREADABLE = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
-"""The exceptions that Pillow raises on broken files: SyntaxError for a broken PNG, the last one for a header that announces
-more pixels than any photograph has."""
+UNREADABLE = (OSError, SyntaxError, ValueError, MemoryError, Image.DecompressionBombError)
+"""The exceptions that Pillow raises on broken files: SyntaxError for a broken PNG, MemoryError for a part that announces
+gigabytes, the last one for a header that announces more pixels than any photograph has."""
 
 TEST_EVERY = 8
 """Every 8th photograph, from the first on, is held out for tests, as in Mip-NeRF 360 and every 3DGS paper since."""

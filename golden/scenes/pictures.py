@@ -11,7 +11,8 @@ from golden.scenes.files import atomic_output
 from golden.scenes.gaze import FoveationMap
 
 _LEVEL_COLOURS = np.array([[255, 80, 80], [255, 200, 60], [80, 200, 120], [90, 140, 255]], np.float64) / 255
-_KIND_COLOURS = np.array([[255, 255, 255], [255, 80, 80], [80, 200, 120], [90, 140, 255], [255, 200, 60]], np.float64) / 255
+_KIND_COLOURS = np.array([[255, 255, 255], [255, 80, 80], [80, 200, 120], [90, 140, 255], [255, 200, 60], [200, 60, 255]],
+                         np.float64) / 255
 _DEPTH_STOPS = np.array([[253, 231, 37], [53, 183, 121], [49, 104, 142], [68, 1, 84]], np.float64) / 255
 
 
@@ -59,7 +60,7 @@ def kinds_picture(image: np.ndarray, kind: np.ndarray) -> np.ndarray:
 
     Args:
         image: (H, W, 3) uint8.
-        kind: (H, W) of 0..4: white, red, green, blue, yellow.
+        kind: (H, W) of 0..5: white, red, green, blue, yellow, violet.
     """
     brightness = image.astype(np.float64).mean(axis=2, keepdims=True) / 255
     return (0.35 + 0.65 * brightness) * _KIND_COLOURS[kind]

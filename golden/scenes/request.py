@@ -99,12 +99,15 @@ def add_effect_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--depth", action="store_true", help="compute a depth for every pixel")
 
 
+ON, OFF = "on", "off"
+"""Values of --second-sweep."""
+
 OWN, SHARED = "own", "shared"
 """Values of --eye-colours: whether each eye of a joint frame has colours of its own, or both those of the source."""
 
 _EYE_DEFAULTS = {
     "ecc_thresh": ECC_THRESHOLD_DEG, "ipd": IPD_METRES, "units_per_metre": None, "source": EYES[0], "gaze_right": None,
-    "eye_colours": OWN}
+    "eye_colours": OWN, "second_sweep": ON}
 
 
 def add_stereo_arguments(parser: argparse.ArgumentParser) -> None:
@@ -125,6 +128,9 @@ def add_stereo_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--eye-colours", metavar="own|shared",
                        help="on machines with lists by super-tile, whether the second eye has the first one's colours "
                        "(default: own)")
+    group.add_argument("--second-sweep", metavar="on|off",
+                       help="on machines with lists by super-tile that warp the second eye, whether tiles with holes are "
+                       "rendered (default: on)")
 
 
 def parse_request(*argv: str) -> argparse.Namespace:
@@ -146,7 +152,7 @@ def parse_request(*argv: str) -> argparse.Namespace:
     return args
 
 
-def take_stereo_arguments(args: argparse.Namespace, *, joint: bool = False) -> None:
+def take_stereo_arguments(args: argparse.Namespace, *, joint: bool = False, warps: bool | None = None) -> None:
     """Fills in the defaults of the arguments for two eyes and sorts the gazes by eye.
 
     With `--source right`, `args.gaze` becomes the source eye's gaze and `args.gaze_target` the other eye's.
@@ -154,14 +160,19 @@ def take_stereo_arguments(args: argparse.Namespace, *, joint: bool = False) -> N
     Args:
         args: the arguments.
         joint: whether the frame is a joint one (`spec.joint`); in any other, the second eye is warped.
+        warps: whether the second eye of a joint frame is warped (`spec.joint_warp`); None: where it is not a joint one.
 
     Raises:
         InputError: an argument for two eyes is given without --stereo, or one of warped frames for a joint one or the other way
             round; or the source eye is neither left nor right.
     """
-    if joint and args.ecc_thresh is not None:
-        raise InputError(f"--ecc-thresh {args.ecc_thresh:g} is not accepted: machines with lists by super-tile render both "
-                         "eyes whole; config 'paper' warps the second one")
+    warps = not joint if warps is None else warps
+    if args.stereo and not warps and args.ecc_thresh is not None:
+        raise InputError(f"--ecc-thresh {args.ecc_thresh:g} is not accepted: this machine renders both eyes whole; configs "
+                         "'paper' and 'v3_eyes_warp' warp the second one")
+    if args.stereo and not (joint and warps) and args.second_sweep is not None:
+        raise InputError(f"--second-sweep {args.second_sweep} is not accepted where no eye of a joint frame is warped: config "
+                         "'v3_eyes_warp' takes it")
     if args.stereo and not joint and args.eye_colours is not None:
         raise InputError(f"--eye-colours {args.eye_colours} is not accepted where the second eye is warped: `msv2 render` with "
                          "config 'v3' takes it")
@@ -170,6 +181,8 @@ def take_stereo_arguments(args: argparse.Namespace, *, joint: bool = False) -> N
             setattr(args, name, default)
         elif not args.stereo:
             raise InputError(f"--{name.replace('_', '-')} {getattr(args, name)} is not accepted without --stereo")
+    if args.second_sweep not in (ON, OFF):
+        raise InputError(f"second sweep {args.second_sweep!r} is not accepted: choose one of {ON}, {OFF}")
     if args.eye_colours not in (OWN, SHARED):
         raise InputError(f"eye colours {args.eye_colours!r} are not accepted: choose one of {OWN}, {SHARED}")
     if args.source not in EYES:

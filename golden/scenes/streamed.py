@@ -168,8 +168,12 @@ def _whole(values: Mapping[str, Any], key: str, index: Path, least: int, where: 
 
 def _part(index: Path, name: str) -> Path:
     path = index.parent / name
-    if not path.exists():
-        raise InputError(f"{index}: names {name!r}, which does not exist; all files of a level are needed")
+    try:
+        there = path.exists()
+    except (OSError, ValueError):  # no file can have this name: it is too long, or has a NUL
+        there = False
+    if not there:
+        raise InputError(f"{index}: names {name!r:.200}, which does not exist; all files of a level are needed")
     return path
 
 

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from golden.diff.gaussians import Gaussians, to_model
 from golden.diff.render import render
-from golden.metrics.hvsq import Hvsq
+from golden.metrics.level_pooling import LevelPooling
 from golden.scenes.levels import smfr_levels
 from golden.training.efficiency import Scores, without_lowest
 from golden.training.foveated import FLOAT_BYTES, FoveatedModel, Storage, floats_per_point, level_alpha_max
-from golden.training.level_quality import level_pooling, reference_image
+from golden.training.level_quality import reference_image
 from golden.training.levels import HVSQ_BYTES
 from golden.training.optimiser import Optimiser, dense_rates
 from golden.training.stage import Stage
@@ -92,7 +92,7 @@ class SeparateOptions:
     prune_until: float = 0.6
     fraction: float = 0.10
     share: int = 5
-    pooling: tuple[float, float, float, float] | None = None
+    pooling: LevelPooling = field(default_factory=LevelPooling)
     memory: int = 1 << 30
 
     def __post_init__(self) -> None:
@@ -130,9 +130,8 @@ class SeparateStage(Stage):
         self.name, self.total, self.done = f"separate{level + 1}", options.iterations, 0
         self._scene, self._seed, self._alpha_max = scene, seed, level_alpha_max(level)
         width, height = scene.size
-        pooling = level_pooling(level, width, options.pooling)
         self._hvsq = PerView(
-            lambda view: Hvsq(reference_image(scene, view, dense, base.device), pooling),
+            lambda view: options.pooling.hvsq(reference_image(scene, view, dense, base.device), level),
             views_within(width * height, HVSQ_BYTES, options.memory))
         self._optimiser = Optimiser(base, dense_rates(1.0, scene.extent))
         self._scores = Scores(

@@ -28,21 +28,25 @@ class Quality:
 
     Attributes:
         psnr: dB, the mean of the views' PSNRs.
-        ssim: scikit-image's, see `golden.metrics.image`.
+        ssim: scikit-image's, see `golden.metrics.image`; None where it was not asked for.
         entries: number of intersections in a frame (the tile-ellipse intersections of the paper).
         entries_per_tile: the same divided by the number of the frame's tiles.
         points: number of Gaussians in the model.
         hvsq: one value for each pooling size asked for.
-        views: PSNR and SSIM of each view.
+        views: PSNR and, where asked for, SSIM of each view.
     """
 
     psnr: float
-    ssim: float
+    ssim: float | None
     entries: float
     entries_per_tile: float
     points: int
     hvsq: tuple[float, ...] = ()
-    views: tuple[tuple[float, float], ...] = ()
+    views: tuple[tuple[float, ...], ...] = ()
+
+
+KINDS = ("psnr", "both")
+"""What a gate reads: PSNR alone, as the paper defines its variants, or SSIM too, as the code of its predecessor does."""
 
 
 @dataclass(frozen=True)
@@ -55,36 +59,48 @@ class Gate:
 
     Attributes:
         psnr: dB.
-        ssim: 0..1.
-        dense: PSNR and SSIM of the dense model for each view, from which losses are counted; without them there is no margin.
+        ssim: 0..1, or None: SSIM is not read.
+        dense: PSNR and, if it is read, SSIM of the dense model for each view, from which losses are counted; without them there
+            is no margin.
     """
 
     psnr: float
-    ssim: float
-    dense: tuple[tuple[float, float], ...] = ()
+    ssim: float | None = None
+    dense: tuple[tuple[float, ...], ...] = ()
 
     @classmethod
-    def of(cls, dense: Quality, loss: float) -> Gate:
-        """The gate that accepts a loss of at most the share `loss` (0..1) of the dense model's PSNR and of its SSIM.
+    def of(cls, dense: Quality, loss: float, kind: str = "psnr") -> Gate:
+        """The gate that accepts a loss of at most the share `loss` (0..1) of the dense model's PSNR and, if `kind` is `both`,
+        of its SSIM.
 
         Raises:
-            ValueError: `loss` is not such a share.
+            ValueError: `loss` is not such a share, or there is no such kind.
         """
         if not 0 <= loss < 1:
             raise ValueError(f"loss must be a share of the dense quality in 0..1, not {loss!r}")
+        if kind not in KINDS:
+            raise ValueError(f"kind must be one of {KINDS}, not {kind!r}")
+        if kind == "psnr":
+            return cls((1 - loss) * dense.psnr, None, tuple(view[:1] for view in dense.views))
         return cls((1 - loss) * dense.psnr, (1 - loss) * dense.ssim, dense.views)
 
+    @property
+    def reads_ssim(self) -> bool:
+        """Whether the gate needs SSIM."""
+        return self.ssim is not None
+
     def slack(self, quality: Quality) -> float:
-        """By how much PSNR and SSIM exceed their thresholds, as a share of the threshold, for the worse of the two; below 0
-        the gate fails."""
-        margin = np.zeros(2)
+        """By how much PSNR, and SSIM if it is read, exceed their thresholds, as a share of the threshold, for the worse of the
+        two; below 0 the gate fails."""
+        found = np.array([quality.psnr, quality.ssim] if self.reads_ssim else [quality.psnr])
+        least = np.array([self.psnr, self.ssim] if self.reads_ssim else [self.psnr])
         if len(self.dense) > 1 and len(self.dense) == len(quality.views):
-            losses = np.subtract(quality.views, self.dense)
-            margin = MARGIN * losses.std(axis=0, ddof=1) / np.sqrt(len(losses))
-        return float(min((quality.psnr - margin[0]) / self.psnr, (quality.ssim - margin[1]) / self.ssim) - 1)
+            losses = np.array([view[: len(found)] for view in quality.views]) - np.array(self.dense)
+            found = found - MARGIN * losses.std(axis=0, ddof=1) / np.sqrt(len(losses))
+        return float((found / least).min() - 1)
 
     def passes(self, quality: Quality) -> bool:
-        """Whether both thresholds are met."""
+        """Whether all thresholds are met."""
         return self.slack(quality) >= 0
 
 
@@ -94,7 +110,8 @@ def evaluate(
     views: Sequence[int],
     *,
     alpha_max: float = ALPHA_MAX_L1,
-    pooling: Sequence[float] = (),
+    hvsq: Sequence[Callable[[torch.Tensor], Hvsq]] = (),
+    ssim: bool = True,
     progress: Callable[[int], object] | None = None,
 ) -> Quality:
     """Renders views of the scene and compares them with the photographs; images are clamped to 0..1 as on a display.
@@ -106,7 +123,8 @@ def evaluate(
         scene: the scene.
         views: indices into the scene's cameras, at least one.
         alpha_max: upper bound of alpha.
-        pooling: pooling sizes in pixels for which HVSQ is wanted.
+        hvsq: makes the metric from a view's photograph, for each HVSQ that is wanted.
+        ssim: whether SSIM is wanted; it takes about as long as rendering.
         progress: called with the number of views done.
 
     Raises:
@@ -122,12 +140,11 @@ def evaluate(
             shown = scene.unmasked(view, rendering.image.clamp(0.0, 1.0))
             tiles = -(-camera.width // TILE) * -(-camera.height // TILE)
             left, right = shown.cpu().numpy(), photograph.cpu().numpy()
-            hvsq = [float(Hvsq(photograph, size)(shown)) for size in pooling]
-            entries = rendering.entries
             psnr = metrics.psnr(left, right) + 10 * np.log10(scene.shown_share(view))
-            rows.append([psnr, metrics.ssim(left, right), entries, entries / tiles, *hvsq])
+            rows.append([psnr, metrics.ssim(left, right) if ssim else 0.0, rendering.entries, rendering.entries / tiles,
+                         *(float(make(photograph)(shown)) for make in hvsq)])
             if progress is not None:
                 progress(done)
-    psnr, ssim, entries, per_tile, *hvsq = (float(value) for value in np.mean(rows, axis=0))
-    views = tuple((float(row[0]), float(row[1])) for row in rows)
-    return Quality(psnr, ssim, entries, per_tile, len(gaussians), tuple(hvsq), views)
+    psnr, similarity, entries, per_tile, *pooled = (float(value) for value in np.mean(rows, axis=0))
+    views = tuple(tuple(map(float, row[: 2 if ssim else 1])) for row in rows)
+    return Quality(psnr, similarity if ssim else None, entries, per_tile, len(gaussians), tuple(pooled), views)

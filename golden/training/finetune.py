@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from golden.diff.gaussians import Gaussians
 from golden.diff.render import render
-from golden.metrics.hvsq import Hvsq, pooling_px
+from golden.metrics.level_pooling import LevelPooling
 from golden.metrics.ssim import Ssim
 from golden.training.average import Average
 from golden.training.evaluate import Gate, Quality, evaluate
@@ -49,7 +49,7 @@ class FineTuneStage(Stage):
         seed: seed of the order of training views.
         rates: Adam's rates by field; None for `retraining_rates`.
         name: the stage's name in the chain.
-        pooling: pooling width of HVSQ in pixels; None: the paper's, scaled to the frame.
+        pooling: HVSQ's pooling; that of level 1 is used.
 
     Attributes:
         before, after: quality of the model that came in and of the result on the validation views, including HVSQ at pooling 1.
@@ -58,7 +58,7 @@ class FineTuneStage(Stage):
     def __init__(
         self, scene: TrainingScene, gaussians: Gaussians, gate: Gate | None = None, *, iterations: int = 500,
         interval: int = 100, seed: int = 0, rates: Mapping[str, float] | None = None, name: str = "finetune",
-        pooling: float | None = None,
+        pooling: LevelPooling | None = None,
     ) -> None:
         if iterations < 1 or interval < 1:
             raise ValueError(f"iterations and interval must be at least 1, not {iterations!r} and {interval!r}")
@@ -71,9 +71,9 @@ class FineTuneStage(Stage):
         self._optimiser = Optimiser(gaussians, retraining_rates(scene) if rates is None else rates)
         self._average, self._best = Average(gaussians), gaussians
         camera = scene.cameras[scene.train[0]]
-        self.pooling = pooling_px(0, camera.width) if pooling is None else pooling
+        self.pooling = pooling or LevelPooling()
         self._hvsq = PerView(
-            lambda view: Hvsq(scene.photograph(view).to(gaussians.device), self.pooling),
+            lambda view: self.pooling.hvsq(scene.photograph(view).to(gaussians.device), 0),
             views_within(camera.width * camera.height, HVSQ_BYTES, HVSQ_BUDGET))
         self._ssim = PerView(
             lambda view: Ssim(scene.photograph(view).to(gaussians.device)),
@@ -128,7 +128,8 @@ class FineTuneStage(Stage):
         self._average.load(state["average"], self.gaussians.device)
 
     def _quality(self, gaussians: Gaussians) -> Quality:
-        return evaluate(gaussians, self._scene, self._scene.validation, pooling=[self.pooling])
+        return evaluate(gaussians, self._scene, self._scene.validation,
+                        hvsq=[lambda photograph: self.pooling.hvsq(photograph, 0)])
 
 
 def _plain(quality: Quality | None) -> dict[str, object] | None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from golden.metrics.hvsq import FULL_WIDTH
 from golden.scenes.files import read_json
 from golden.training.chain import LOG
 from golden.training.checkpoint import Checkpoint, Checkpoints
@@ -53,8 +54,7 @@ def find_run(folder: Path, wanted: Mapping[str, Any]) -> FinishedRun | None:
     """The newest finished run in a folder of runs that has the options in `wanted`; options with the value None are not
     compared.
 
-    Runs of baselines, without opacity enhancement, or with a pooling width or a number of views of their own are not
-    considered.
+    Runs of baselines, without opacity enhancement, or with a gate, pooling or number of views of their own are not considered.
     """
     reports = sorted(folder.glob("*/report.json"), key=lambda path: path.stat().st_mtime, reverse=True)
     for path in reports:
@@ -64,7 +64,8 @@ def find_run(folder: Path, wanted: Mapping[str, Any]) -> FinishedRun | None:
             continue
         fits = all(options.get(name) == value for name, value in wanted.items() if value is not None)
         own = (options.get("baseline") is None and options.get("opacity-enhancement") is True
-               and options.get("pooling-width") is None and options.get("views") is None)
+               and options.get("pooling-width") == FULL_WIDTH and options.get("pooling") == "blocks"
+               and options.get("gate") == "psnr" and options.get("views") is None)
         if fits and own and (path.parent / "model.ply").exists():
             return FinishedRun(path.parent, options)
     return None

@@ -16,7 +16,8 @@ from golden.diff.gaussians import Gaussians, to_model
 from golden.diff.render import render, render_foveated
 from golden.host.quantise import quantise_model
 from golden.host.registers import frame_registers
-from golden.metrics.hvsq import Hvsq, foveated, pooling_px
+from golden.metrics.hvsq import Hvsq, foveated
+from golden.metrics.level_pooling import LevelPooling
 from golden.msv2_ref import projection, sort, tile_merge, tile_test
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveation, region_level
@@ -64,15 +65,6 @@ class FrameCost:
     projected: int
 
 
-def level_pooling(level: int, width: int, pooling: Sequence[float] | None = None) -> float:
-    """HVSQ's pooling width of a 0-based level, in pixels: that of `pooling`, or else the paper's, scaled to frames of a width.
-
-    The paper's 1, 3, 7 and 12 px hold for a frame 1,237 pixels wide. A smaller frame shown at the same angular width has larger
-    pixels, so peripheral vision pools over fewer of them and less is hidden.
-    """
-    return pooling_px(level, width) if pooling is None else float(pooling[level])
-
-
 def reference_image(
     scene: TrainingScene, view: int, dense: Gaussians | None, device: torch.device | str
 ) -> torch.Tensor:
@@ -116,7 +108,7 @@ def view_hvsq(
 
 def level_hvsq(
     levels: Levels, scene: TrainingScene, views: Sequence[int], dense: Gaussians | None = None,
-    pooling: Sequence[float] | None = None,
+    pooling: LevelPooling | None = None,
 ) -> tuple[float, ...]:
     """HVSQ of each level's whole images at its own pooling, mean over views: the rows of the paper's table.
 
@@ -125,19 +117,20 @@ def level_hvsq(
         scene: the scene.
         views: indices into the scene's cameras.
         dense: a model whose renders are the reference instead of the photographs.
-        pooling: widths in pixels for each level; None: `pooling_px`.
+        pooling: HVSQ's pooling; None: the default of `LevelPooling`.
     """
-    widths = [level_pooling(level, scene.size[0], pooling) for level in range(levels.levels)]
-    return tuple(_one_level_hvsq(levels, level, scene, views, dense, width) for level, width in enumerate(widths))
+    pooling = pooling or LevelPooling()
+    return tuple(_one_level_hvsq(levels, level, scene, views, dense, pooling) for level in range(levels.levels))
 
 
 def _one_level_hvsq(
-    levels: Levels, level: int, scene: TrainingScene, views: Sequence[int], dense: Gaussians | None, pooling: float
+    levels: Levels, level: int, scene: TrainingScene, views: Sequence[int], dense: Gaussians | None,
+    pooling: LevelPooling,
 ) -> float:
     gaussians = levels.level(level)
 
     def hvsq(view: int) -> Hvsq:
-        return Hvsq(reference_image(scene, view, dense, gaussians.device), pooling)
+        return pooling.hvsq(reference_image(scene, view, dense, gaussians.device), level)
 
     return mean_hvsq(gaussians, scene, views, hvsq, level_alpha_max(level))[0]
 

@@ -1,13 +1,14 @@
 """Levels 2-4: each is pruned from the level before while its HVSQ at its own pooling is no worse than L1's HVSQ at pooling 1.
 
 Paper sections 4.3 and 4.4. Geometry is frozen: only opacity, its amplifier and the DC colour are trained, on HVSQ of whole
-images, without a gaze and without scale decay. The gate reads validation views, never test views.
+images, without a gaze and without scale decay. The gate reads the photographs of validation views, and interpolated poses with
+the dense model's renders as references; never test views.
 """
 
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,9 +17,11 @@ import torch
 from golden.diff.gaussians import Gaussians
 from golden.diff.render import render
 from golden.metrics.hvsq import Hvsq
+from golden.metrics.level_pooling import LevelPooling
 from golden.training.efficiency import Scores, without_lowest
 from golden.training.foveated import FoveatedModel, Version, level_alpha_max
-from golden.training.level_quality import level_pooling, reference_image, view_hvsq
+from golden.training.level_quality import reference_image, view_hvsq
+from golden.training.poses import with_poses
 from golden.training.stage import Stage
 from golden.training.version_training import VersionTraining
 from golden.training.views import PerView, view_at, views_within
@@ -52,11 +55,12 @@ class LevelOptions:
         parts: number of parts in which a prune is made; scores are measured again before each.
         share: number of parts in which training views are scored, see `Scores`.
         validation_views: largest number of views that the gate reads, evenly spread over the scene's validation views.
+        poses: largest number of interpolated poses that the gate reads beside them, see `golden.training.poses`.
         opacity_min: points with a lower opacity are removed first.
         opacity_enhancement: whether the amplifier is trained; without it the model is the predecessor's.
         rate_opacity, rate_log_amp, rate_sh_dc: Adam's initial learning rates; they fall to a tenth. Rates two to four times as
             high prune further in a short run, but then test views lose what the gate's views gain.
-        pooling: pooling widths of L1..L4 for HVSQ in pixels; None: the paper's, scaled to the frame.
+        pooling: HVSQ's pooling.
         memory: bytes that references prepared for HVSQ may take.
     """
 
@@ -67,12 +71,13 @@ class LevelOptions:
     parts: int = 5
     share: int = 5
     validation_views: int = 8
+    poses: int = 16
     opacity_min: float = 0.005
     opacity_enhancement: bool = True
     rate_opacity: float = 0.05
     rate_log_amp: float = 0.1
     rate_sh_dc: float = 0.005
-    pooling: tuple[float, float, float, float] | None = None
+    pooling: LevelPooling = field(default_factory=LevelPooling)
     memory: int = 1 << 30
 
     def __post_init__(self) -> None:
@@ -91,8 +96,9 @@ class LevelCheck:
     Attributes:
         iteration: number of training iterations before it.
         points: number of the level's points, before the prune that follows a pass.
-        hvsq: `target` times the mean over the gate's views of the ratio between the level's HVSQ at its pooling and L1's at
-            pooling 1, to which MARGIN standard errors are added.
+        hvsq: `target` times the mean over the validation views of the ratio between the level's HVSQ at its pooling and L1's at
+            pooling 1, to which MARGIN standard errors are added; or the same over the interpolated poses, if it is larger. To a
+            pose's HVSQ against the dense model, that model's own HVSQ on the validation photographs is added.
         target: the largest accepted `hvsq`.
         entries: mean number of intersections in a frame of the gate's views.
         passed: whether `hvsq` is at most `target`.
@@ -122,17 +128,17 @@ class LevelStage(Stage):
         options: see `LevelOptions`.
         seed: seed of the order of views.
         dense: a model whose renders are the reference instead of the photographs.
+        posed: the dense model whose renders are the references of interpolated poses; None: the gate reads no poses.
 
     Attributes:
         gaussians: the level in training; its geometry is not trained.
-        pooling: the level's pooling width in pixels.
-        target: HVSQ of L1 at pooling 1 on the gate's views.
+        target: HVSQ of L1 at pooling 1 on the gate's validation views.
         history: one row for each check of the gate.
     """
 
     def __init__(
         self, scene: TrainingScene, model: FoveatedModel, level: int, options: LevelOptions | None = None, seed: int = 0,
-        dense: Gaussians | None = None,
+        dense: Gaussians | None = None, posed: Gaussians | None = None,
     ) -> None:
         if level != model.levels:
             raise ValueError(f"level must be {model.levels}, the one after those of the model, not {level!r}")
@@ -142,27 +148,31 @@ class LevelStage(Stage):
         self._interval = options.interval or min(max(options.iterations // 40, 5), 100)
         self._scene, self._model, self._alpha_max = scene, model, level_alpha_max(level)
         device, (width, height) = model.base.device, scene.size
-        self.pooling = level_pooling(level, width, options.pooling)
-
-        def references(pooling: float) -> PerView[Hvsq]:
-            kept = views_within(width * height, HVSQ_BYTES, options.memory)
-            return PerView(lambda view: Hvsq(reference_image(scene, view, dense, device), pooling), kept)
-
-        self._hvsq = references(self.pooling)
         self._gate_views = scene.validation[:: -(-len(scene.validation) // options.validation_views)]
-        self._targets, _ = view_hvsq(
-            model.level(0), scene, self._gate_views, references(level_pooling(0, width, options.pooling)), level_alpha_max(0))
-        self.target = float(self._targets.mean())
+        self._photographs, self._judged = len(self._gate_views), scene
+        if posed is not None:
+            self._judged, poses = with_poses(scene, posed, options.poses)
+            self._gate_views = (*self._gate_views, *poses)
+
+        def references(level: int) -> PerView[Hvsq]:
+            kept = views_within(width * height, HVSQ_BYTES, options.memory)
+            return PerView(lambda view: options.pooling.hvsq(reference_image(self._judged, view, dense, device), level), kept)
+
+        self._hvsq, first = references(level), references(0)
+        self._targets, _ = view_hvsq(model.level(0), self._judged, self._gate_views, first, level_alpha_max(0))
+        self._missing = np.zeros(len(self._gate_views))
+        if len(self._gate_views) > self._photographs:
+            self._targets[self._photographs :] += self._missing_of(posed, first)
+            self._missing[self._photographs :] = self._missing_of(posed, self._hvsq)
+        self.target = float(self._targets[: self._photographs].mean())
         for view in self._gate_views:  # what is asked for first is kept, and these are read at every check of the gate
             self._hvsq(view)
         self._rows = model.versions[-1].rows.clone() if model.versions else torch.arange(len(model.base), device=device)
         self._training = VersionTraining(
             model.level(level - 1), options.rate_opacity, options.rate_sh_dc,
             options.rate_log_amp if options.opacity_enhancement else None)
-        # Scores need poses but no photographs. Validation poses are included, so that points that only those views show are
-        # not the first to be pruned.
-        poses = [scene.cameras[view] for view in sorted((*scene.train, *scene.validation))]
-        self._scores = Scores("ce", poses, share=options.share, alpha_max=self._alpha_max, seed=seed)
+        cameras = [scene.cameras[view] for view in scene.train]
+        self._scores = Scores("ce", cameras, share=options.share, alpha_max=self._alpha_max, seed=seed)
         self._fraction, self._failures, self._next_gate = options.fraction, 0, 0
         self._best: dict[str, object] | None = None
 
@@ -236,13 +246,20 @@ class LevelStage(Stage):
         before, now = self.history[-2].hvsq, self.history[-1].hvsq
         return now - (before - now) * left > self.target
 
+    def _missing_of(self, dense: Gaussians, hvsq: PerView[Hvsq]) -> float:
+        """What a pose's HVSQ lacks because its reference is the dense model's render: that model's own mean HVSQ on the
+        validation photographs. The terms of HVSQ are squares, so errors that do not depend on each other add."""
+        values, _ = view_hvsq(dense, self._judged, self._gate_views[: self._photographs], hvsq, level_alpha_max(0))
+        return float(values.mean())
+
     def _look(self) -> LevelCheck:
-        values, entries = view_hvsq(self.gaussians, self._scene, self._gate_views, self._hvsq, self._alpha_max)
-        hvsq = float(values.mean())
+        values, entries = view_hvsq(self.gaussians, self._judged, self._gate_views, self._hvsq, self._alpha_max)
+        values = values + self._missing
+        hvsq = float(values[: self._photographs].mean())
         if self.target > 0 and self._targets.all():
             ratios = values / self._targets
-            error = ratios.std(ddof=1) / np.sqrt(len(ratios)) if len(ratios) > 1 else 0.0
-            hvsq = self.target * float(ratios.mean() + MARGIN * error)
+            both = (ratios[: self._photographs], ratios[self._photographs :])
+            hvsq = self.target * max(_cautious_mean(each) for each in both if len(each))
         check = LevelCheck(self.done, len(self.gaussians), hvsq, self.target, entries, hvsq <= self.target)
         self.history.append(check)
         return check
@@ -292,3 +309,9 @@ class LevelStage(Stage):
         self._rows = snapshot["rows"].to(self._rows.device).clone()
         self._training.load(snapshot["training"])
         self._scores.load(snapshot["scores"])
+
+
+def _cautious_mean(ratios: np.ndarray) -> float:
+    """The mean of (V,) ratios, V >= 1, with MARGIN standard errors added."""
+    error = ratios.std(ddof=1) / np.sqrt(len(ratios)) if len(ratios) > 1 else 0.0
+    return float(ratios.mean() + MARGIN * error)

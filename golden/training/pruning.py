@@ -6,6 +6,7 @@ The dense model's quality on the validation views sets the gate. Test views are 
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -14,22 +15,24 @@ import torch
 
 from golden.diff.gaussians import Gaussians
 from golden.training.efficiency import CRITERIA, Scores, widened, without_lowest
-from golden.training.evaluate import Gate, Quality, evaluate
+from golden.training.evaluate import KINDS, Gate, Quality, evaluate
 from golden.training.representable import Bounds
 from golden.training.retrain import Retraining
-from golden.training.scale_decay import GAMMA_FIRST, next_gamma
+from golden.training.scale_decay import GAMMA_LIMIT, GAMMA_SHARE, next_gamma
 from golden.training.stage import Stage
 
 if TYPE_CHECKING:
     from golden.training.scene import TrainingScene
 
 QUALITY_LOSS = {"H": 0.01, "M": 0.02, "L": 0.03}
-"""Share of the dense model's PSNR and SSIM that each variant may lose."""
+"""Share of the dense model's PSNR, and of its SSIM if the gate reads it, that each variant may lose."""
 
+BALANCED = 8
+"""Largest number of training views, evenly spread, from which the first gamma is determined."""
 
-RECOVERY = 3
-"""Intervals from a failed gate to the next check: recovery takes that long, and earlier checks would lower gamma to 0
-meanwhile."""
+RECOVERY = 1
+"""Intervals from a failed gate to the next check. A check costs a few iterations' time, and a model that has recovered should
+not wait for it."""
 
 
 @dataclass(frozen=True)
@@ -47,13 +50,15 @@ class PruneOptions:
         parts: number of parts in which a prune is made; scores are measured again before each.
         criterion: one of CRITERIA, or None: nothing is pruned, and only scale decay is controlled.
         scale_decay: whether gamma is ever above 0.
-        gamma_first: gamma after the first passed gate, and the smallest value that is not 0.
+        gamma_first: gamma after the first passed gate, and the smallest value after it; None: such that gamma WS is GAMMA_SHARE
+            of the dense model's loss on training views.
         opacity_min: Gaussians with a lower opacity are removed first, whatever their score.
         opacity_clamp: opacities are clamped to it after a prune; None leaves them. The predecessor's 0.1 costs more than a few
             hundred iterations recover: 13 dB at once on the embedded scene, and still 2 dB after 100 iterations.
         margin: share of a frame's size by which it is widened on every side when points are scored.
         scored: number of poses that are scored again before each part of a prune, in turn; the other poses' last scores stand.
         validated: largest number of views that the gate reads, evenly spread over the validation views.
+        gate: what the gate reads, one of `evaluate.KINDS`.
     """
 
     iterations: int = 3000
@@ -64,19 +69,22 @@ class PruneOptions:
     parts: int = 5
     criterion: str | None = "ce"
     scale_decay: bool = True
-    gamma_first: float = GAMMA_FIRST
+    gamma_first: float | None = None
     opacity_min: float = 0.005
     opacity_clamp: float | None = None
     margin: float = 0.1
     scored: int = 8
     validated: int = 8
+    gate: str = "psnr"
 
     def __post_init__(self) -> None:
         for name in ("iterations", "interval", "recovery", "patience", "parts", "scored", "validated"):
             if getattr(self, name) is not None and getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, not {getattr(self, name)!r}")
-        if self.margin < 0 or self.gamma_first <= 0:
+        if self.margin < 0 or (self.gamma_first is not None and self.gamma_first <= 0):
             raise ValueError(f"margin must be at least 0 and gamma_first above 0, not {self.margin!r} and {self.gamma_first!r}")
+        if self.gate not in KINDS:
+            raise ValueError(f"gate must be one of {KINDS}, not {self.gate!r}")
         if not 0 < self.fraction < 1:
             raise ValueError(f"fraction must lie in 0..1, not {self.fraction!r}")
         if self.criterion is not None and self.criterion not in CRITERIA:
@@ -91,7 +99,7 @@ class Check:
         iteration: number of retraining iterations before it.
         points: number of Gaussians, before the prune that follows a pass.
         entries: mean number of intersections in a frame of the validation views.
-        psnr, ssim: means on the validation views.
+        psnr, ssim: means on the validation views; ssim is None if the gate does not read it.
         gamma: weight of scale decay in the training before it.
         slack: by how much the gate passed, see `Gate.slack`; below 0 it failed.
     """
@@ -100,7 +108,7 @@ class Check:
     points: int
     entries: float
     psnr: float
-    ssim: float
+    ssim: float | None
     gamma: float
     slack: float
 
@@ -120,9 +128,10 @@ class PruneStage(Stage):
 
     The dense model passes its own gate, so the first prune comes at once. After `interval` iterations the gate is checked
     again, always with the running average of the parameters. When it passes, the model becomes the result if no passing one had
-    fewer intersections; it is then pruned and gamma is raised. When it fails, gamma is lowered and retraining continues for
-    `recovery` iterations. If this does not reach the gate, the last model that passed is restored and a prune of half the size
-    is tried. The result is the passing model with the fewest intersections, at worst the dense one.
+    fewer intersections; it is then pruned and gamma is raised, until gamma WS is GAMMA_LIMIT of the loss. When it fails, gamma
+    is lowered, but not below its first value, and retraining continues for `recovery` iterations. If this does not reach the
+    gate, the last model that passed is restored and a prune of half the size is tried. The result is the passing model with the
+    fewest intersections, at worst the dense one.
 
     Args:
         scene: training views train and score, and validation views gate.
@@ -155,11 +164,10 @@ class PruneStage(Stage):
         self._training = Retraining(scene, dense, seed, name, rates)
         self._scores = None
         if self.options.criterion is not None:
-            # Validation poses are included; otherwise points that only they see would be pruned and never come back.
-            cameras = [widened(scene.cameras[view], self.options.margin) for view in (*scene.train, *scene.validation)]
+            cameras = [widened(scene.cameras[view], self.options.margin) for view in scene.train]
             self._scores = Scores(self.options.criterion, cameras, share=-(-len(cameras) // self.options.scored), seed=seed)
         self._best = dense
-        self._fraction, self._failures = self.options.fraction, 0
+        self._fraction, self._failures, self._first = self.options.fraction, 0, self.options.gamma_first
         self._passed: dict[str, object] | None = None
 
     @property
@@ -168,11 +176,14 @@ class PruneStage(Stage):
         return self._training.gaussians
 
     def step(self) -> dict[str, float]:
-        """Takes one iteration of retraining; if the gate was checked, the record has `psnr`, `ssim`, `entries` and `passed`
-        too."""
+        """Takes one iteration of retraining; if the gate was checked, the record has `psnr`, `entries`, `passed` and, where the
+        gate reads it, `ssim` too."""
         if self.gate is None:
             dense = self._quality()
-            self.gate = Gate.of(dense, QUALITY_LOSS[self.variant])
+            self.gate = Gate.of(dense, QUALITY_LOSS[self.variant], self.options.gate)
+            if self._first is None:
+                self._first = GAMMA_SHARE * self._training.balance_before(
+                    self._scene.train[:: -(-len(self._scene.train) // BALANCED)])
             self._decide(dense)
         loss = self._training.step(self.done, self.gamma)
         self.done += 1
@@ -180,8 +191,8 @@ class PruneStage(Stage):
         if self.done >= self._look or self.finished:
             narrowed = self._training.narrow(self._bounds)
             check = self._decide(self._quality())
-            record |= {"psnr": check.psnr, "ssim": check.ssim, "entries": check.entries, "passed": check.passed,
-                       "narrowed": narrowed}
+            record |= {"psnr": check.psnr, "entries": check.entries, "passed": check.passed, "narrowed": narrowed}
+            record |= {} if check.ssim is None else {"ssim": check.ssim}
         return record
 
     def result(self) -> Gaussians:
@@ -192,7 +203,7 @@ class PruneStage(Stage):
         """See `Stage`."""
         return {
             "done": self.done, "look": self._look, "gamma": self.gamma, "fraction": self._fraction, "failures": self._failures,
-            "gate": None if self.gate is None else vars(self.gate).copy(),
+            "first": self._first, "gate": None if self.gate is None else vars(self.gate).copy(),
             "history": [vars(check).copy() for check in self.history], "best": self._best.tensors(),
             "current": self._snapshot(), "passed": None if self._passed is None else copy.deepcopy(self._passed),
         }
@@ -200,7 +211,7 @@ class PruneStage(Stage):
     def load(self, state: dict[str, object]) -> None:
         """See `Stage`."""
         self.done, self._look, self.gamma = state["done"], state["look"], state["gamma"]
-        self._fraction, self._failures = state["fraction"], state["failures"]
+        self._fraction, self._failures, self._first = state["fraction"], state["failures"], state["first"]
         self.gate = None if state["gate"] is None else Gate(**state["gate"])
         self.history = [Check(**check) for check in state["history"]]
         self._best = Gaussians(**state["best"]).detached()
@@ -216,7 +227,7 @@ class PruneStage(Stage):
             self._scores.load(snapshot["scores"])
 
     def _quality(self) -> Quality:
-        return evaluate(self._training.average, self._scene, self._validation)
+        return evaluate(self._training.average, self._scene, self._validation, ssim=self.options.gate == "both")
 
     def _decide(self, quality: Quality) -> Check:
         """Checks the gate; keeps the model, prunes it and changes gamma as the result requires."""
@@ -230,7 +241,8 @@ class PruneStage(Stage):
             return check
         options = self.options
         if options.scale_decay:
-            self.gamma = next_gamma(self.gamma, check.passed, options.gamma_first)
+            limit = GAMMA_LIMIT * self._training.balance if options.gamma_first is None else math.inf
+            self.gamma = next_gamma(self.gamma, check.passed, self._first, limit)
         pruned = self._go_on() if check.passed else self._wait()
         self._look = self.done + (options.interval if pruned else options.recovery or RECOVERY * options.interval)
         return check

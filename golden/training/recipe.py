@@ -7,15 +7,19 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from golden.diff.gaussians import Gaussians
-from golden.metrics.hvsq import pooling_px
+from golden.metrics.hvsq import FULL_WIDTH
+from golden.metrics.level_pooling import LevelPooling
+from golden.metrics.pooling import KINDS as POOLINGS
 from golden.training.baselines import SeparateModels, SeparateOptions, SeparateStage, smfr
 from golden.training.chain import Planned
 from golden.training.dense import DenseOptions, DenseStage
+from golden.training.evaluate import KINDS as GATES
 from golden.training.evaluate import Gate, evaluate
 from golden.training.finetune import FineTuneStage
 from golden.training.foveated import FoveatedModel, Version
 from golden.training.level_quality import Levels
 from golden.training.levels import LevelOptions, LevelStage
+from golden.training.one_shot import OneShotOptions, OneShotStage
 from golden.training.prune_baselines import baseline_stage
 from golden.training.pruning import QUALITY_LOSS, PruneOptions, PruneStage
 from golden.training.scene import TrainingScene
@@ -26,7 +30,8 @@ from spec.errors import InputError
 VARIANTS = tuple(QUALITY_LOSS)
 FOVEATED_BASELINES = ("smfr", "mmfr")
 PRUNING_BASELINES = ("count", "importance")
-BASELINES = (*FOVEATED_BASELINES, *PRUNING_BASELINES)
+ONE_SHOT = "lightgs"
+BASELINES = (*FOVEATED_BASELINES, *PRUNING_BASELINES, ONE_SHOT)
 
 RESULTS = (FoveatedModel, Version, SeparateModels)
 """Classes, beside Gaussians, of the stages' results."""
@@ -40,14 +45,31 @@ SEPARATE_SHARE = 0.05
 MIN_ITERATIONS = 20
 """Smallest number of iterations of a chain, with which every stage has at least one."""
 
-EMBEDDED_DEFAULTS = {"iterations": 8000, "max_points": 20_000}
+EMBEDDED_DEFAULTS = {"iterations": 6000, "max_points": 20_000}
 """Defaults for the embedded scene."""
 
 DEFAULTS = {"iterations": 20_000, "max_points": 60_000}
 """Defaults for photographs."""
 
-CHECKS = 40
-"""Smallest number of times that pruning checks its gate, however few iterations it has."""
+EMBEDDED_FULL = {"iterations": 16_000}
+"""Defaults of `--full` for the embedded scene; `full_points` gives the cap."""
+
+FULL = {"iterations": 30_000}
+"""Defaults of `--full` for photographs."""
+
+FULL_POINTS_PER_PIXEL = 1.5
+"""Cap of the dense model under `--full`. What pruning can take away depends on it most: on bonsai at 200x133, a cap of 0.3
+points a pixel let intersections be cut 1.82 times, one of 1.5 points 2.45 times."""
+
+POINTS_STEP = 5000
+"""Caps under `--full` are multiples of this."""
+
+CHECKS = 60
+"""Smallest number of times that pruning can check its gate. Down to 12 % of the points are 20 passes of 10 %, and a check that
+fails takes as long as three that pass."""
+
+MOST_INTERVAL = 100
+"""Largest number of iterations between a prune and the check after it, as far as the running average looks back."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +83,9 @@ class Recipe:
         iterations: number of iterations of the whole chain, including dense training.
         max_points: upper limit of the dense model's Gaussians.
         seed: seed of everything drawn at random.
-        pooling_width: HVSQ pools as in a frame of this width in pixels; None: as in the scene's frames.
+        pooling_width: HVSQ pools as in a frame of this width in pixels, see `LevelPooling`.
+        gate: what the gate of L1 reads: psnr, or both PSNR and SSIM.
+        windows: HVSQ's pooling windows: blocks or box.
     """
 
     variant: str
@@ -70,17 +94,20 @@ class Recipe:
     iterations: int
     max_points: int
     seed: int
-    pooling_width: int | None = None
+    pooling_width: int = FULL_WIDTH
+    gate: str = "psnr"
+    windows: str = "blocks"
 
     def __post_init__(self) -> None:
-        for name, value, accepted in (("variant", self.variant, VARIANTS), ("baseline", self.baseline, (None, *BASELINES))):
+        for name, value, accepted in (
+            ("variant", self.variant, VARIANTS), ("baseline", self.baseline, (None, *BASELINES)), ("gate", self.gate, GATES),
+            ("pooling", self.windows, POOLINGS)):
             if value not in accepted:
                 raise InputError(f"{name} {value!r} is not accepted: choose one of {', '.join(filter(None, accepted))}")
         for name, least in (("iterations", MIN_ITERATIONS), ("max_points", 4), ("seed", 0)):
             if getattr(self, name) < least:
                 raise InputError(f"{name.replace('_', '-')} {getattr(self, name)} is not accepted: {least} or more is")
-        if self.pooling_width is not None and self.pooling_width < 1:
-            raise InputError(f"pooling-width {self.pooling_width} is not accepted: 1 or more is")
+        LevelPooling(self.pooling_width, self.windows)  # refuses a width below 1
 
     def budget(self, stage: str) -> int:
         """Number of iterations of a stage."""
@@ -88,16 +115,19 @@ class Recipe:
         return max(1, round(share * self.iterations))
 
     @property
-    def pooling(self) -> tuple[float, ...] | None:
-        """Pooling widths of HVSQ in pixels, one for each level; None if they are scaled to the scene's frames."""
-        if self.pooling_width is None:
-            return None
-        return tuple(pooling_px(level, self.pooling_width) for level in range(MAX_LEVELS))
+    def pooling(self) -> LevelPooling:
+        """HVSQ's pooling."""
+        return LevelPooling(self.pooling_width, self.windows)
 
     def prune_options(self) -> PruneOptions:
-        """The default options of pruning, with more frequent checks of the gate if there are few iterations."""
+        """The options of pruning, with an interval that leaves time for CHECKS checks of the gate."""
         iterations = self.budget("prune")
-        return PruneOptions(iterations=iterations, interval=max(1, min(PruneOptions.interval, iterations // CHECKS)))
+        return PruneOptions(iterations=iterations, interval=max(1, min(MOST_INTERVAL, iterations // CHECKS)), gate=self.gate)
+
+
+def full_points(size: tuple[int, int]) -> int:
+    """The cap of the dense model's points under `--full` for frames of a size (width, height)."""
+    return max(POINTS_STEP, POINTS_STEP * round(FULL_POINTS_PER_PIXEL * size[0] * size[1] / POINTS_STEP))
 
 
 class ReadyStage(Stage):
@@ -135,6 +165,8 @@ def plan(recipe: Recipe, scene: TrainingScene, device: str, dense: Gaussians | N
     makers = _Makers(recipe, scene, device)
     stages = [Planned("dense", 0, lambda _: ReadyStage("dense", dense)) if dense is not None
               else Planned("dense", recipe.budget("dense"), makers.dense)]
+    if recipe.baseline == ONE_SHOT:
+        return [*stages, Planned("prune", recipe.budget("prune"), makers.one_shot)]
     stages += [Planned("prune", recipe.budget("prune"), makers.prune),
                Planned("finetune", recipe.budget("finetune"), makers.finetune)]
     if recipe.baseline in PRUNING_BASELINES:
@@ -157,7 +189,7 @@ def levels_of(results: dict[str, Any]) -> Levels:
         return results["smfr"]
     if "separate2" in results:
         return SeparateModels((results["finetune"], *(results[f"separate{level + 1}"] for level in range(1, MAX_LEVELS))))
-    return results.get(f"level{MAX_LEVELS}") or FoveatedModel(results["finetune"])
+    return results.get(f"level{MAX_LEVELS}") or FoveatedModel(results.get("finetune") or results["prune"])
 
 
 class _Makers:
@@ -178,13 +210,17 @@ class _Makers:
             return baseline_stage(recipe.baseline, self.scene, dense, recipe.variant, options, seed=self.seed)
         return PruneStage(self.scene, dense, recipe.variant, options, seed=self.seed)
 
+    def one_shot(self, results: dict[str, Any]) -> Stage:
+        options = OneShotOptions(iterations=self.recipe.budget("prune"))
+        return OneShotStage(self.scene, results["dense"].to(self.device), options, seed=self.seed)
+
     def finetune(self, results: dict[str, Any]) -> Stage:
         dense = evaluate(results["dense"].to(self.device), self.scene, self.scene.validation)
-        gate = Gate.of(replace(dense, views=()), QUALITY_LOSS[self.recipe.variant])  # no margin here: it may be used up
+        # Without the views there is no margin: it may be used up here.
+        gate = Gate.of(replace(dense, views=()), QUALITY_LOSS[self.recipe.variant], self.recipe.gate)
         iterations = self.recipe.budget("finetune")
         return FineTuneStage(self.scene, results["prune"].to(self.device), gate, iterations=iterations,
-                             interval=max(1, iterations // 5), seed=self.seed,
-                             pooling=None if self.recipe.pooling is None else self.recipe.pooling[0])
+                             interval=max(1, iterations // 5), seed=self.seed, pooling=self.recipe.pooling)
 
     def level(self, level: int) -> object:
         def make(results: dict[str, Any]) -> Stage:
@@ -192,7 +228,8 @@ class _Makers:
             iterations = self.recipe.budget(f"level{level + 1}")
             options = LevelOptions(
                 iterations=iterations, opacity_enhancement=self.recipe.enhancement, pooling=self.recipe.pooling)
-            return LevelStage(self.scene, before.to(self.device), level, options, self.seed)
+            dense = results["dense"].to(self.device)
+            return LevelStage(self.scene, before.to(self.device), level, options, self.seed, posed=dense)
 
         return make
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +14,20 @@ import torch
 from golden.diff.gaussians import Gaussians
 from golden.diff.render import render, render_foveated
 from golden.metrics.hvsq import foveated
+from golden.metrics.level_pooling import LevelPooling
+from golden.metrics.pooling import KINDS
 from golden.scenes.files import atomic_output
 from golden.scenes.gaze import region_level
 from golden.scenes.pictures import levels_picture, save_png
 from golden.scenes.request import make_folder, write_json
 from golden.scenes.save import save_model
 from golden.scenes.transforms import CAMERAS, save_inria_cameras
-from golden.training.evaluate import evaluate
+from golden.training.evaluate import Quality, evaluate
 from golden.training.foveated import level_alpha_max
-from golden.training.level_quality import Levels, centre_foveation, level_hvsq, level_pooling
+from golden.training.level_quality import Levels, centre_foveation, level_hvsq
+from golden.training.levels import LevelOptions
 from golden.training.plots import curves, plot_curves, read_log
+from golden.training.poses import with_poses
 from golden.training.report_machine import machine_numbers, model_files
 from golden.training.report_text import markdown
 from golden.training.representable import misplaced
@@ -45,7 +49,7 @@ class Trained:
         spent: iterations and seconds of each stage.
         options: the run's options.
         references: what everything is compared with: photographs, or renders of the dense model.
-        pooling: pooling widths in pixels of HVSQ for each level; None: the paper's, scaled to the frame.
+        pooling: HVSQ's pooling.
     """
 
     dense: Gaussians
@@ -54,14 +58,15 @@ class Trained:
     spent: Mapping[str, Mapping[str, float]]
     options: Mapping[str, Any]
     references: str
-    pooling: tuple[float, ...] | None = None
+    pooling: LevelPooling = field(default_factory=LevelPooling)
 
 
 def write_report(trained: Trained, scene: TrainingScene, folder: Path, note: Callable[[str], None] = print) -> dict[str, Any]:
     """Writes model.ply, cameras.json, report.json, report.md, curves.png, curves.json and pictures/ into a folder that holds
     the run's log.
 
-    Everything is measured on test views, which no stage has read.
+    Everything is measured on test views, which no stage has read. Those whose poses are in doubt are in no mean; the keys that
+    end with `_all` hold what the mean over all test views would be.
 
     Args:
         trained: the finished chain.
@@ -76,7 +81,7 @@ def write_report(trained: Trained, scene: TrainingScene, folder: Path, note: Cal
     for name, model in model_files(trained.levels, scene).items():
         save_model(model, folder / name)
     save_inria_cameras(scene.cameras, folder / CAMERAS)
-    note(f"measuring on {len(scene.test)} test views")
+    note(f"measuring on {len(scene.judged)} test views")
     report = numbers(trained, scene)
     report["pictures"] = _pictures(trained, scene, folder)
     records = read_log(folder / "log.jsonl")
@@ -96,14 +101,15 @@ def numbers(trained: Trained, scene: TrainingScene) -> dict[str, Any]:
     """The content of report.json except pictures, curves and narrowed splats."""
     stages = [_stage_row(name, level, left, trained, scene) for name, level, left in trained.rows]
     l1 = next(row for row in reversed(stages) if row["level"] == 1)
-    levels, width = _level_rows(trained.levels, scene, trained.pooling), scene.size[0]
+    levels = _level_rows(trained.levels, scene, trained.pooling)
     machine = machine_numbers(trained.levels, trained.dense, scene)
     storage = trained.levels.storage
     return {
         "scene": scene.name, "size": list(scene.size), "options": dict(trained.options), "references": trained.references,
         "views": {"train": len(scene.train), "validation": len(scene.validation), "test": len(scene.test),
-                  "doubtful": list(scene.doubtful)},
-        "psnr_dense_well_posed": _well_posed_psnr(trained.dense, scene),
+                  "doubtful": list(scene.doubtful), "judged": list(scene.judged)},
+        "psnr_dense_all": stages[0]["psnr_all"], "psnr_l1_all": l1["psnr_all"],
+        "poses": _poses(trained, scene),
         "psnr_dense": stages[0]["psnr"], "ssim_dense": stages[0]["ssim"], "psnr_l1": l1["psnr"], "ssim_l1": l1["ssim"],
         "points": {"dense": len(trained.dense), "levels": list(trained.levels.counts)},
         "entries_per_frame": machine.entries if machine else {"dense": stages[0]["entries"], "l1": l1["entries"]},
@@ -112,7 +118,7 @@ def numbers(trained: Trained, scene: TrainingScene) -> dict[str, Any]:
         "quantised_loss_db": machine.loss_db if machine else None,
         "seconds": {name: float(spent["seconds"]) for name, spent in trained.spent.items()},
         "stages": stages, "levels": levels,
-        "pooling_px": [level_pooling(level, width, trained.pooling) for level in range(trained.levels.levels)],
+        "pooling": trained.pooling.kind, "pooling_px": list(trained.pooling.widths[: trained.levels.levels]),
         "misplaced": misplaced(trained.levels.level(0), scene, scene.test),
         "regions": _regions(trained, scene),
         "machine": asdict(machine) if machine else None,
@@ -128,31 +134,44 @@ def _narrowed(records: Sequence[Mapping[str, Any]]) -> dict[str, int]:
     return found
 
 
-def _well_posed_psnr(dense: Gaussians, scene: TrainingScene) -> float | None:
-    """PSNR of the dense model on the test views whose poses are not in doubt; None if all are in doubt or none is."""
-    views = [view for view in scene.test if view not in scene.doubtful]
-    return evaluate(dense, scene, views).psnr if 0 < len(views) < len(scene.test) else None
+def _poses(trained: Trained, scene: TrainingScene) -> dict[str, Any]:
+    """PSNR of level 1 against the dense model on the interpolated poses that the levels' gates read. It gates nothing."""
+    posed, views = with_poses(scene, trained.dense, LevelOptions.poses)
+    psnr = evaluate(trained.levels.level(0), posed, views, ssim=False).psnr if views else None
+    return {"count": len(views), "psnr_l1_to_dense": psnr}
 
 
 def _stage_row(name: str, level: int, left: Gaussians, trained: Trained, scene: TrainingScene) -> dict[str, Any]:
-    """The row of a stage: its model's whole frames on the test views."""
-    pooling = level_pooling(level, scene.size[0], trained.pooling)
-    quality = evaluate(left, scene, scene.test, alpha_max=level_alpha_max(level), pooling=[pooling])
+    """The row of a stage: its model's whole frames on the judged test views, and its PSNR on the gate's."""
+    def measured(views: Sequence[int]) -> Quality:
+        return evaluate(left, scene, views, alpha_max=level_alpha_max(level),
+                        hvsq=[lambda photograph: trained.pooling.hvsq(photograph, level)])
+
+    quality, gate = measured(scene.judged), measured(scene.validation)
+    doubtful = [view for view in scene.test if view not in scene.judged]
+    every = [*quality.views, *(measured(doubtful).views if doubtful else ())]
     spent = trained.spent.get(name, {"iterations": 0, "seconds": 0.0})
     return {
-        "stage": name, "level": level + 1, "points": quality.points, "entries": quality.entries,
+        "stage": name, "level": level + 1, "points": quality.points,
+        "points_per_pixel": quality.points / (scene.size[0] * scene.size[1]), "entries": quality.entries,
         "entries_per_tile": quality.entries_per_tile, "psnr": quality.psnr, "ssim": quality.ssim, "hvsq": quality.hvsq[0],
+        "psnr_gate": gate.psnr, "psnr_all": float(np.mean([view[0] for view in every])),
+        "ssim_all": float(np.mean([view[1] for view in every])),
         "iterations": int(spent["iterations"]), "seconds": float(spent["seconds"])}
 
 
-def _level_rows(levels: Levels, scene: TrainingScene, pooling: Sequence[float] | None) -> list[dict[str, Any]]:
+def _level_rows(levels: Levels, scene: TrainingScene, pooling: LevelPooling) -> list[dict[str, Any]]:
     """For each level: its points, and HVSQ at its own pooling on test and validation views beside level 1's, the gate's
-    target."""
-    test, validation = (level_hvsq(levels, scene, views, pooling=pooling) for views in (scene.test, scene.validation))
+    target; and HVSQ on test views with both kinds of windows."""
+    each = {kind: level_hvsq(levels, scene, scene.judged, pooling=pooling.of_kind(kind)) for kind in KINDS}
+    test, validation = each[pooling.kind], level_hvsq(levels, scene, scene.validation, pooling=pooling)
+    pixels = scene.size[0] * scene.size[1]
     return [
-        {"level": level + 1, "points": points, "share": points / levels.counts[0], "hvsq_test": test[level],
-         "hvsq_validation": validation[level], "target_validation": validation[0],
-         "excess_percent": 100 * (validation[level] / validation[0] - 1)}
+        {"level": level + 1, "points": points, "share": points / levels.counts[0], "points_per_pixel": points / pixels,
+         "hvsq_test": test[level], "hvsq_validation": validation[level], "target_validation": validation[0],
+         "excess_percent": 100 * (validation[level] / validation[0] - 1),
+         "excess_test_percent": 100 * (test[level] / test[0] - 1),
+         **{f"hvsq_test_{kind}": values[level] for kind, values in each.items()}}
         for level, points in enumerate(levels.counts)]
 
 
@@ -168,7 +187,7 @@ def _regions(trained: Trained, scene: TrainingScene) -> list[dict[str, Any]]:
     region = region_level(eccentricity)
     masks = {level: torch.from_numpy(region == level) for level in range(len(REGION_START_DEG)) if (region == level).any()}
     rows = []
-    for view in scene.test:
+    for view in scene.judged:
         judge = foveated(scene.photograph(view), eccentricity)
         with torch.no_grad():
             images = {"dense": _frame(trained.dense, scene, view), "l1": _frame(trained.levels.level(0), scene, view),

@@ -62,7 +62,7 @@ def machine_numbers(levels: Levels, dense: Gaussians, scene: TrainingScene) -> M
     """Measures a trained model on the integer renderer; returns None if frames are wider than the machine's rows."""
     if scene.size[0] > PAPER.row_width:
         return None
-    views = _spread(scene.test, VIEWS)
+    views = _spread(scene.judged, VIEWS)
     model = model_files(levels, scene)["model.ply"]
     words, dense_words = (quantise_model(PAPER, each) for each in (model, to_model(dense, up=scene.up, name="dense")))
     rows: dict[str, list[float]] = {}

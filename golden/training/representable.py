@@ -12,12 +12,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 
 from golden.diff.gaussians import Gaussians
 from golden.diff.projection import project
 from golden.scenes.camera import Camera
 from golden.training.scene import TrainingScene
+from golden.training.wide_splats import find_candidates
 from spec.constants import FRUSTUM_MARGIN, SUPPORT_SIGMA
 from spec.guard_band import MEAN_RANGE, UNBOUNDED
 
@@ -46,24 +48,43 @@ class Bounds:
 
     def __init__(self, scene: TrainingScene) -> None:
         self._cameras = [scene.cameras[view] for view in (*scene.train, *scene.validation)]
+        shares = [1 / (SUPPORT_SIGMA * math.hypot(1, _clamped_slope(camera))) for camera in self._cameras]
+        self._rotations = np.array([camera.rotation for camera in self._cameras], np.float32)
+        self._translations = np.array([camera.translation for camera in self._cameras], np.float32)
+        self._lenses = np.array([(c.fx, c.fy, c.cx, c.cy, c.near, share)
+                                 for c, share in zip(self._cameras, shares, strict=True)], np.float32)
 
     @torch.no_grad()
     def apply(self, gaussians: Gaussians) -> int:
         """Narrows, in place, the Gaussians that are too wide for some view; returns how many these were."""
         widest = gaussians.log_scales.amax(dim=1).exp()
         limit = torch.full_like(widest, math.inf)
-        for camera in self._cameras:
-            point = _in_camera(gaussians.means, camera)
+        candidates, cameras = self._candidates(gaussians, widest)
+        some, widest = gaussians.select(candidates), widest[candidates]
+        for camera in cameras:
+            point = _in_camera(some.means, camera)
             accepted = point[:, :2].abs().amax(dim=1) / (SUPPORT_SIGMA * math.hypot(1, _clamped_slope(camera)))
             beyond = (point[:, 2] > camera.near) & _beyond(_centre(point, camera), SAFETY * FARTHEST)
             rows = torch.nonzero(beyond & (widest > accepted)).squeeze(1)
             if len(rows):
-                rows = rows[project(gaussians.select(rows), camera, SUPPORT_SIGMA, UNBOUNDED).index]
-                limit[rows] = torch.minimum(limit[rows], NARROWED * accepted[rows])
+                rows = rows[project(some.select(rows), camera, SUPPORT_SIGMA, UNBOUNDED).index]
+                limit[candidates[rows]] = torch.minimum(limit[candidates[rows]], NARROWED * accepted[rows])
         wide = int(torch.isfinite(limit).sum())
         if wide:
             gaussians.log_scales.copy_(torch.minimum(gaussians.log_scales, limit.log()[:, None]))
         return wide
+
+
+    def _candidates(self, gaussians: Gaussians, widest: torch.Tensor) -> tuple[torch.Tensor, list[Camera]]:
+        """Rows of the Gaussians that may be too wide for some camera, and those cameras. Of a model's Gaussians these are few;
+        to look at them alone takes a tenth of the time."""
+        if gaussians.device.type != "cpu":
+            return torch.arange(len(gaussians), device=gaussians.device), self._cameras
+        found, cameras = np.zeros(len(gaussians), bool), np.zeros(len(self._cameras), bool)
+        means = np.ascontiguousarray(gaussians.means.detach().numpy())
+        find_candidates(
+            means, widest.numpy(), self._rotations, self._translations, self._lenses, SAFETY * FARTHEST, found, cameras)
+        return torch.from_numpy(np.flatnonzero(found)), [self._cameras[place] for place in np.flatnonzero(cameras)]
 
 
 def misplaced(gaussians: Gaussians, scene: TrainingScene, views: Sequence[int]) -> int:

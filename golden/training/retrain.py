@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import torch
@@ -14,7 +14,7 @@ from golden.training.average import Average
 from golden.training.losses import photometric
 from golden.training.optimiser import Optimiser, dense_rates
 from golden.training.representable import Bounds
-from golden.training.scale_decay import weighted_scale
+from golden.training.scale_decay import balance, weighted_scale
 from golden.training.views import PerView, view_at, views_within
 from spec.constants import ALPHA_MAX_L1
 
@@ -78,6 +78,20 @@ class Retraining:
         """Trains other Gaussians instead, with fresh moments."""
         self._optimiser = Optimiser(gaussians, self._rates)
         self._average = Average(self.gaussians)
+        self._sums = [0.0, 0.0]
+
+    @property
+    def balance(self) -> float:
+        """The gamma with which scale decay would weigh as much as the photographs, over the iterations since `settle`."""
+        return balance(*self._sums)
+
+    @torch.no_grad()
+    def balance_before(self, views: Sequence[int]) -> float:
+        """The same for the Gaussians as they are, from renders of some training views."""
+        for view in views:
+            self._rendered(view)
+        found, self._sums = self.balance, [0.0, 0.0]
+        return found
 
     @property
     def average(self) -> Gaussians:
@@ -90,10 +104,11 @@ class Retraining:
         return bounds.apply(self._average.gaussians)
 
     def settle(self) -> None:
-        """Continues from the running average."""
+        """Continues from the running average; the balance is counted anew."""
         with torch.no_grad():
             for name, tensor in self._average.gaussians.tensors().items():
                 getattr(self.gaussians, name).copy_(tensor)
+        self._sums = [0.0, 0.0]
 
     def select(self, keep: torch.Tensor) -> None:
         """Keeps only the Gaussians in `keep`, (N,) bool, with their moments."""
@@ -111,22 +126,30 @@ class Retraining:
     def step(self, iteration: int, gamma: float) -> float:
         """Takes one iteration and returns its loss."""
         self.view = view = view_at(self._scene.train, self._seed, self._purpose, iteration)
-        gaussians, device = self.gaussians, self.gaussians.device
-        rendering = render(gaussians, self._scene.cameras[view], alpha_max=ALPHA_MAX_L1)
-        image = self._scene.unmasked(view, rendering.image)
-        loss = photometric(image, self._ssim(view), self._scene.photograph(view).to(device))
+        loss, decay = self._rendered(view)
         if gamma > 0:
-            loss = loss + gamma * weighted_scale(gaussians.log_scales, rendering.index, rendering.tiles)
+            loss = loss + gamma * decay
         loss.backward()
         self._optimiser.step()
         self._average.take(self.gaussians)
         return float(loss.detach())
 
+    def _rendered(self, view: int) -> tuple[torch.Tensor, torch.Tensor]:
+        """The photometric loss of a view and WS."""
+        rendering = render(self.gaussians, self._scene.cameras[view], alpha_max=ALPHA_MAX_L1)
+        image, photograph = self._scene.unmasked(view, rendering.image), self._scene.photograph(view).to(self.gaussians.device)
+        loss = photometric(image, self._ssim(view), photograph)
+        decay = weighted_scale(self.gaussians.log_scales, rendering.index, rendering.tiles)
+        self._sums[0] += float(loss.detach())
+        self._sums[1] += float(decay.detach())
+        return loss, decay
+
     def state(self) -> dict[str, object]:
         """Everything that `load` needs."""
-        return {"optimiser": self._optimiser.state(), "average": self._average.state()}
+        return {"optimiser": self._optimiser.state(), "average": self._average.state(), "sums": list(self._sums)}
 
     def load(self, state: dict[str, object]) -> None:
         """Restores what `state` returned."""
         self._optimiser.load(state["optimiser"])
         self._average.load(state["average"], self.gaussians.device)
+        self._sums = list(state["sums"])

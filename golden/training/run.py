@@ -7,15 +7,28 @@ import hashlib
 import shlex
 import sys
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from golden.diff.gaussians import Gaussians, from_model
+from golden.metrics.hvsq import FULL_WIDTH
 from golden.scenes.files import only_inside
 from golden.scenes.load import EMBEDDED, load_model
 from golden.training.chain import Chain, Interrupted
 from golden.training.failure import room_needed
-from golden.training.recipe import DEFAULTS, EMBEDDED_DEFAULTS, RESULTS, Recipe, levels_of, models_of, plan
+from golden.training.recipe import (
+    DEFAULTS,
+    EMBEDDED_DEFAULTS,
+    EMBEDDED_FULL,
+    FULL,
+    RESULTS,
+    Recipe,
+    full_points,
+    levels_of,
+    models_of,
+    plan,
+)
 from golden.training.report import Trained, write_report
 from golden.training.scene import EMBEDDED_VIEWS, TrainingScene, load_training_scene
 from golden.training.ship import shipped_text, write_shipped
@@ -47,6 +60,8 @@ def train(args: argparse.Namespace, size: tuple[int, int] | None, device: str) -
     dense = None if args.source is None else loaded_dense(Path(args.source), device)
     with _reading(args):
         scene, references = chosen_scene(args.scene, size, dense, args.views)
+    if args.full and args.max_points is None and dense is None:
+        recipe = replace(recipe, max_points=full_points(scene.size))
     if scene.doubtful:
         print(f"warning: {scene.name}: the reconstruction contradicts the poses of {len(scene.doubtful)} of {len(scene)} views "
               "(reprojection error); they neither train nor validate", file=sys.stderr)
@@ -99,17 +114,23 @@ def chosen_recipe(args: argparse.Namespace) -> Recipe:
     """
     if args.source is not None and args.max_points is not None:
         raise InputError("max-points is not accepted together with --from: there is no dense training to cap")
-    default = EMBEDDED_DEFAULTS if str(args.scene) == EMBEDDED else DEFAULTS
+    embedded = str(args.scene) == EMBEDDED
+    default = EMBEDDED_DEFAULTS if embedded else DEFAULTS
+    if args.full:
+        default = default | (EMBEDDED_FULL if embedded else FULL)
     iterations, points = (
         default[name] if value is None else value
         for name, value in (("iterations", args.iterations), ("max_points", args.max_points)))
-    return Recipe(args.variant, args.baseline, args.enhancement, iterations, points, args.seed, args.pooling_width)
+    pooling_width = FULL_WIDTH if args.pooling_width is None else args.pooling_width
+    return Recipe(args.variant, args.baseline, args.enhancement, iterations, points, args.seed, pooling_width, args.gate,
+                  args.pooling)
 
 
 def run_name(scene: str, recipe: Recipe) -> str:
     """The scene's name with what differs from the default, so that runs of different kinds do not overwrite each other."""
     kinds = [recipe.variant if recipe.variant != "H" else None, recipe.baseline, None if recipe.enhancement else "v1",
-             f"pooled{recipe.pooling_width}" if recipe.pooling_width else None]
+             f"pooled{recipe.pooling_width}" if recipe.pooling_width != FULL_WIDTH else None,
+             recipe.windows if recipe.windows != "blocks" else None, "ssim" if recipe.gate == "both" else None]
     return "-".join([scene, *filter(None, kinds)])
 
 
@@ -144,7 +165,7 @@ def run_options(args: argparse.Namespace, recipe: Recipe, scene: TrainingScene, 
         "variant": recipe.variant, "from": None if args.source is None else _content(Path(args.source)),
         "baseline": recipe.baseline, "opacity-enhancement": recipe.enhancement, "size": f"{scene.size[0]}x{scene.size[1]}",
         "iterations": recipe.iterations, "max-points": None if args.source else recipe.max_points, "seed": recipe.seed,
-        "pooling-width": recipe.pooling_width, "device": device,
+        "gate": recipe.gate, "pooling": recipe.windows, "pooling-width": recipe.pooling_width, "device": device,
         **({"views": len(scene)} if getattr(args, "views", None) else {})}  # a study's command line has no views
 
 
@@ -162,10 +183,12 @@ def resume_command(args: argparse.Namespace, out: Path) -> str:
     for name, value, default in (
         ("variant", args.variant, "H"), ("from", args.source, None), ("baseline", args.baseline, None),
         ("size", args.size, None), ("iterations", args.iterations, None), ("max-points", args.max_points, None),
-        ("seed", args.seed, 0), ("pooling-width", args.pooling_width, None), ("views", args.views, None),
+        ("seed", args.seed, 0), ("gate", args.gate, "psnr"), ("pooling", args.pooling, "blocks"),
+        ("pooling-width", args.pooling_width, None), ("views", args.views, None),
         ("device", args.device, "auto"),
     ):
         given += [f"--{name}", str(value)] if value != default else []
+    given += ["--full"] if args.full else []
     given += [] if args.enhancement else ["--no-opacity-enhancement"]
     given += ["--no-outside"] if getattr(args, "no_outside", False) else []
     given += ["--ship"] if args.ship else []

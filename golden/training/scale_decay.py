@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 
 TILE_THRESHOLD = 4
 """The paper's T: a Gaussian that at most this many tiles use adds nothing to the loss."""
 
-GAMMA_FIRST = 1e-4
-"""Gamma at the first passed gate, and the smallest value that is not 0."""
+GAMMA_SHARE = 0.15
+"""Share of the photometric loss that gamma WS has at the first passed gate. WS is in world units, so one value of gamma for all
+scenes does nothing in one scene and too much in another."""
+
+GAMMA_LIMIT = 0.45
+"""Largest such share: after passes in a row the photographs still determine the model."""
 
 GAMMA_FACTOR = 3.0
 """Factor by which gamma changes at every gate."""
@@ -35,10 +41,19 @@ def weighted_scale(
     return (largest * excess).sum() / max(len(log_scales), 1)
 
 
-def next_gamma(gamma: float, passed: bool, first: float = GAMMA_FIRST) -> float:
-    """The weight of WS after a gate: three times as much after a pass, a third after a failure; 0 instead of values below
-    `first`."""
+def balance(loss: float, decay: float) -> float:
+    """The gamma with which gamma WS would be as large as the photometric loss; 0 where no Gaussian decays.
+
+    Args:
+        loss: the photometric loss, a mean over views.
+        decay: WS, a mean over the same views.
+    """
+    return loss / decay if decay > 0 else 0.0
+
+
+def next_gamma(gamma: float, passed: bool, first: float, limit: float = math.inf) -> float:
+    """The weight of WS after a gate: three times as much after a pass, up to `limit`, and a third after a failure. From the
+    first pass on it is never below `first`: a model that stopped decaying would grow back while it is trained."""
     if passed:
-        return max(GAMMA_FACTOR * gamma, first)
-    lower = gamma / GAMMA_FACTOR
-    return lower if lower >= first else 0.0
+        return max(min(GAMMA_FACTOR * gamma, limit), first)
+    return max(gamma / GAMMA_FACTOR, first) if gamma else 0.0

@@ -5,6 +5,7 @@ A *view* in the trainer is a camera together with its photograph.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,6 +23,12 @@ from spec.errors import InputError
 
 VALIDATE_EVERY = 8
 """Of the views that are no test views, every 8th validates. Gates read these, so that nothing is chosen by the test views."""
+
+VALIDATE_LEAST = 5
+"""Where an eighth is fewer views than this, more validate: a mean over two views says little about all other views."""
+
+VALIDATE_EVERY_LEAST = 4
+"""But never more than every 4th, so that enough views are left to train."""
 
 MIN_EDGE = 32
 """Smallest frame edge in pixels: the HVSQ pyramid needs it, and it is above SSIM's window of 11."""
@@ -82,6 +89,11 @@ class TrainingScene:
         return len(self.cameras)
 
     @property
+    def judged(self) -> tuple[int, ...]:
+        """The test views whose poses are not in doubt, over which means are taken; all test views if all are in doubt."""
+        return tuple(view for view in self.test if view not in self.doubtful) or self.test
+
+    @property
     def size(self) -> tuple[int, int]:
         """(width, height) of every view in pixels."""
         return self.cameras[0].width, self.cameras[0].height
@@ -105,6 +117,18 @@ class TrainingScene:
         shown = torch.from_numpy(self.masks[index]).to(image.device)
         return torch.where(shown[..., None], image, self.photograph(index).to(image.device))
 
+    def with_views(self, cameras: Sequence[Camera], images: np.ndarray) -> TrainingScene:
+        """The scene with further views, which neither train, validate nor test: their indices follow those of its own views.
+
+        Args:
+            cameras: cameras of the scene's size.
+            images: (len(cameras), H, W, 3) uint8.
+        """
+        masks = self.masks
+        if masks is not None:
+            masks = np.concatenate([masks, np.ones(images.shape[:3], bool)])
+        return replace(self, cameras=(*self.cameras, *cameras), images=np.concatenate([self.images, images]), masks=masks)
+
     def resized(self, width: int, height: int) -> TrainingScene:
         """The scene with smaller cameras and photographs; photographs are reduced by averaging over areas. A pixel of a reduced
         mask shows the scene if all of its area does."""
@@ -121,7 +145,8 @@ def load_training_scene(
 ) -> TrainingScene:
     """Loads the scene at `path`, or the embedded one.
 
-    Every 8th view is a test view, as everywhere in the field. Of the others, every 8th from the 4th on validates. Pixels that a
+    Every 8th view is a test view, as everywhere in the field. Of the others, every 8th from the 4th on validates; in small data
+    sets up to every 4th does. Pixels that a
     mask hides (a folder `masks`, `mask_path`) neither train nor judge; transparent pixels are composited over black. Distortion
     of lenses is removed. Photographs that a COLMAP model does not name are not used. Views with doubtful poses neither train
     nor validate. Points that are not finite are dropped. Where a data set has no points, random ones take their place.
@@ -181,7 +206,8 @@ def divided_scene(name: str, up: np.ndarray, cameras: tuple[Camera, ...], images
     """
     test = tuple(range(0, len(cameras), TEST_EVERY))
     others = [i for i in range(len(cameras)) if i % TEST_EVERY]
-    validation = tuple(others[min(VALIDATE_EVERY // 2 - 1, len(others) - 1) :: VALIDATE_EVERY])
+    every = min(VALIDATE_EVERY, max(len(others) // VALIDATE_LEAST, VALIDATE_EVERY_LEAST))
+    validation = tuple(others[min(every // 2 - 1, len(others) - 1) :: every])
     train = tuple(i for i in others if i not in validation)
     kept = [tuple(i for i in views if i not in doubtful) for views in (train, validation)]
     if all(kept):

@@ -82,7 +82,7 @@ def write_shipped(levels: FoveatedModel, scene: TrainingScene, options: Mapping[
     rows = []
     for level in range(shown.levels):
         stored, before = (
-            evaluate(each.level(level), scene, scene.test, alpha_max=level_alpha_max(level)) for each in (shown, levels))
+            evaluate(each.level(level), scene, scene.judged, alpha_max=level_alpha_max(level)) for each in (shown, levels))
         rows.append({"level": level + 1, "points": stored.points, "intersections_per_frame": stored.entries,
                      "psnr": stored.psnr, "ssim": stored.ssim, "psnr_before_compression": before.psnr})
     record = {

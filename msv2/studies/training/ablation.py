@@ -24,6 +24,8 @@ class Step:
         points: the number of points of L1.
         storage_mb: the storage of all levels in 10^6 bytes.
         psnr, ssim: of L1 on the test views. A foveated frame shows the same L1 in the fovea.
+        points_per_pixel: the points of L1 over the pixels of a frame.
+        psnr_gate: PSNR of L1 on the validation views.
         frame: the mean frame of the test views; it is foveated, with the gaze in the centre, if the model has levels.
     """
 
@@ -33,6 +35,8 @@ class Step:
     psnr: float
     ssim: float
     frame: FrameWork
+    points_per_pixel: float
+    psnr_gate: float
 
     def record(self) -> dict[str, object]:
         """The row as JSON-ready values."""
@@ -47,7 +51,8 @@ def ablate(scene: TrainingScene, models: Sequence[tuple[str, Gaussians | Foveate
         first = model.level(0) if foveated else model
         storage = model.storage.total if foveated else FLOAT_BYTES * floats_per_point(model) * len(model)
         work = foveated_frame_work if foveated else whole_frame_work
-        quality = evaluate(first, scene, scene.test)
-        frames = [work(model, scene.cameras[view]) for view in scene.test]
-        rows.append(Step(name, len(first), storage / 1e6, quality.psnr, quality.ssim, FrameWork.mean(frames)))
+        quality, gate = evaluate(first, scene, scene.judged), evaluate(first, scene, scene.validation, ssim=False)
+        frames = [work(model, scene.cameras[view]) for view in scene.judged]
+        rows.append(Step(name, len(first), storage / 1e6, quality.psnr, quality.ssim, FrameWork.mean(frames),
+                         len(first) / (scene.size[0] * scene.size[1]), gate.psnr))
     return rows

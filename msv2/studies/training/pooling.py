@@ -1,4 +1,4 @@
-"""The effect of the display's pixels on the levels: compares runs of golden/train.py with and without --pooling-width.
+"""The effect of the display's pixels on the levels: compares runs of golden/train.py whose --pooling-width differs.
 
     msv2 study run pooling build/train/fern build/train/fern-pooled     writes reports/pooling.json
 """

@@ -60,6 +60,8 @@ class Pruned:
         points: the number of Gaussians.
         psnr, ssim: on the test views.
         frame: the mean frame of the test views.
+        points_per_pixel: the points over the pixels of a frame.
+        psnr_gate: PSNR on the gate's validation views.
         equal: for baselines, the comparison with our loop.
     """
 
@@ -70,13 +72,15 @@ class Pruned:
     psnr: float
     ssim: float
     frame: FrameWork
+    points_per_pixel: float
+    psnr_gate: float
     equal: EqualQuality | None = None
 
     def record(self, dense: Pruned) -> dict[str, Any]:
         """The row as JSON-ready values, with shares of the dense model's."""
         return asdict(self) | {
             "frame": self.frame.record(), "points_percent": 100 * self.points / dense.points,
-            "psnr_percent": 100 * self.psnr / dense.psnr,
+            "psnr_percent": 100 * self.psnr / dense.psnr, "psnr_gate_percent": 100 * self.psnr_gate / dense.psnr_gate,
             "ssim_percent": 100 * self.ssim / dense.ssim, "cut": dense.frame.entries / max(self.frame.entries, 1.0)}
 
 
@@ -84,26 +88,29 @@ def pruning_rows(scene: TrainingScene, trained: Trained) -> list[Pruned]:
     """The row of the dense model, then ours for each gate, then the baselines'. Quality is measured on the scene's test
     views."""
     results, recipe, views = trained.results, trained.recipe, gate_views(scene, trained.recipe.prune_options())
-    dense = evaluate(results["dense"], scene, views)
+    dense = evaluate(results["dense"], scene, views, ssim=False)
     first = Look(dense.psnr, dense.entries, True)
-    rows = [_row(scene, results["dense"], None, None)]
+    rows = [_row(scene, views, results["dense"], None, None)]
     loops = prune_stages(recipe)
     mine = looks(trained.records, loops[OURS, recipe.variant], first)
     for (criterion, variant), stage in loops.items():
         if criterion == OURS:
-            rows.append(_row(scene, results[stage], criterion, variant))
-            rows.append(_row(scene, results[tuned_stage(stage)], criterion, variant, tuned=True))
+            rows.append(_row(scene, views, results[stage], criterion, variant))
+            rows.append(_row(scene, views, results[tuned_stage(stage)], criterion, variant, tuned=True))
         else:
             equal = equal_quality(looks(trained.records, stage, first), mine)
-            rows.append(_row(scene, results[stage], criterion, variant, equal=equal))
+            rows.append(_row(scene, views, results[stage], criterion, variant, equal=equal))
     return rows
 
 
-def _row(scene: TrainingScene, model: Gaussians, criterion: str | None, variant: str | None, **more: Any) -> Pruned:
-    quality = evaluate(model, scene, scene.test)
-    frame = FrameWork.mean([whole_frame_work(model, scene.cameras[view]) for view in scene.test])
+def _row(
+    scene: TrainingScene, gate: Sequence[int], model: Gaussians, criterion: str | None, variant: str | None, **more: Any,
+) -> Pruned:
+    quality = evaluate(model, scene, scene.judged)
+    frame = FrameWork.mean([whole_frame_work(model, scene.cameras[view]) for view in scene.judged])
     return Pruned(criterion, variant, points=len(model), psnr=quality.psnr, ssim=quality.ssim, frame=frame,
-                  **{"tuned": False, **more})
+                  points_per_pixel=len(model) / (scene.size[0] * scene.size[1]),
+                  psnr_gate=evaluate(model, scene, gate, ssim=False).psnr, **{"tuned": False, **more})
 
 
 def looks(records: Iterable[Mapping[str, Any]], stage: str, dense: Look) -> list[Look]:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from msv2.studies.page import table
+from msv2.studies.training import headline as headline_text
 from msv2.studies.training import tables_text
 
 Reports = Mapping[str, Mapping[str, Any]]
@@ -15,7 +16,7 @@ PICTURE = "![latency of pruned versions against points and intersections; HVSQ a
 
 def _scenes(reports: Reports) -> list[Mapping[str, Any]] | None:
     """The scenes of all reports of training, in the order of the reports' names; None if there is no report."""
-    names = [name for name in sorted(reports) if name.startswith("training")]
+    names = [name for name in sorted(reports) if name.startswith("training") and "scenes" in reports[name]]
     return [scene for name in names for scene in reports[name]["scenes"]] if names else None
 
 
@@ -58,11 +59,15 @@ def _pooling(reports: Reports) -> str | None:
                   "intersections, foveated"], cells)
 
 
+def _headline(reports: Reports) -> str | None:
+    return headline_text.text(reports["training_headline"]["rows"]) if "training_headline" in reports else None
+
+
 TRAINING_TABLES: dict[str, Callable[[Reports], str | None]] = {
     "training_targets": _targets,
     "training_representations": _of_scenes("comparison", lambda scene: tables_text.comparison_table(scene["comparison"])),
     "training_points": _of_scenes("comparison", tables_text.points_table),
     "training_ablation": _of_scenes("ablation", lambda scene: tables_text.ablation_table(scene["ablation"])),
     "training_pruning": _of_scenes("pruning", lambda scene: tables_text.pruning_table(scene["pruning"])),
-    "training_latency": _latency, "training_pooling": _pooling,
+    "training_latency": _latency, "training_pooling": _pooling, "training_headline": _headline,
 }

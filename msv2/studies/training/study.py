@@ -38,6 +38,8 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add("--iterations", type=int, metavar="N",
         help="iterations of the recipe; all tables together need 2.2 times as many in addition")
     add("--max-points", type=int, metavar="N", help="largest number of points of the dense model")
+    add("--full", action="store_true",
+        help="dense models of up to 1.5 points a pixel and more iterations, as of `msv2 train --full`")
     add("--seed", type=int, metavar="N", help="seed of all random numbers")
     add("--device", default="auto", metavar="auto|cpu|cuda", help="where to train (default: auto)")
     add("--tables", default=",".join(TABLES), metavar="NAME,NAME", help=f"some of {', '.join(TABLES)} (default: all)")

@@ -21,9 +21,9 @@ from golden.scenes.request import make_folder, parse_size
 from golden.training.chain import Chain
 from golden.training.finished_runs import FinishedRun, find_run
 from golden.training.plots import read_log
-from golden.training.recipe import DEFAULTS, RESULTS, Recipe, plan
+from golden.training.recipe import DEFAULTS, EMBEDDED_FULL, FULL, RESULTS, Recipe, full_points, plan
 from golden.training.run import chosen_recipe, chosen_scene, run_options
-from golden.training.scene import TrainingScene
+from golden.training.scene import EMBEDDED_SIZE, TrainingScene
 from msv2.studies.page import write_page
 from msv2.studies.record import write_report
 from msv2.studies.training import ablation, comparison, labels, latency
@@ -32,6 +32,7 @@ from msv2.studies.training.rtl_cycles import RtlCycles, rtl_cycles
 from msv2.studies.training.table_runs import LEVELS, PLAIN, SCALE_DECAY, SEPARATE, Trained, part_plan, parts_of
 from msv2.studies.training.tables_plot import Shown, save_plots
 from msv2.studies.training.tables_text import markdown
+from spec.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ def wanted_scenes(args: argparse.Namespace) -> list[Wanted]:
     """The scenes of the command line. An argument `PATH@WxH` has a size of its own.
 
     Raises:
-        InputError: a size is not valid.
+        InputError: a size is not valid, or is missing with `--full`, whose number of points follows from it.
     """
     result = []
     for text in args.scenes or [EMBEDDED]:
@@ -68,6 +69,12 @@ def wanted_scenes(args: argparse.Namespace) -> list[Wanted]:
         options = {name: getattr(args, name) for name in ("variant", "iterations", "max_points", "seed")}
         if size:
             options["size"] = "{}x{}".format(*parse_size(size))
+        if args.full:
+            if not size and path != EMBEDDED:
+                raise InputError(f"scene {path!r} is not accepted with --full: name its size, as in {path}@504x378")
+            full = EMBEDDED_FULL if path == EMBEDDED else FULL
+            points = full_points(parse_size(size) if size else EMBEDDED_SIZE)
+            options |= {name: value for name, value in (full | {"max_points": points}).items() if options[name] is None}
         result.append(Wanted(path, {"size": None, **options}))
     return result
 
@@ -108,7 +115,8 @@ def prepare(wanted: Wanted, runs: Path, device: str) -> Prepared:
             return prepared
     defaults = {"variant": "H", "seed": 0}
     given = {name: defaults.get(name) if value is None else value for name, value in wanted.options.items()}
-    args = argparse.Namespace(scene=wanted.path, source=None, baseline=None, enhancement=True, pooling_width=None, **given)
+    args = argparse.Namespace(scene=wanted.path, source=None, baseline=None, enhancement=True, full=False, gate="psnr",
+                              pooling="blocks", pooling_width=None, **given)
     recipe = chosen_recipe(args)
     scene, references = chosen_scene(wanted.path, parse_size(args.size) if args.size else None, None)
     return Prepared(scene, references, recipe, {}, {}, [], run_options(args, recipe, scene, device) | {"reused": None})
@@ -121,7 +129,8 @@ def _from_run(wanted: Wanted, run: FinishedRun, device: str) -> Prepared | None:
         return None
     dense = last.results["dense"] if options["from"] else None
     points = options["max-points"] or DEFAULTS["max_points"]  # a run from a given dense model has no cap
-    recipe = Recipe(options["variant"], None, True, options["iterations"], points, options["seed"])
+    recipe = Recipe(options["variant"], None, True, options["iterations"], points, options["seed"], options["pooling-width"],
+                    options["gate"], options["pooling"])
     scene, references = chosen_scene(wanted.path, parse_size(options["size"]), dense)
     if tuple(last.plan) != tuple((stage.name, stage.total) for stage in plan(recipe, scene, device, dense)):
         return None
@@ -170,7 +179,8 @@ def measure_scene(
     record = {
         "scene": scene.name, "size": list(scene.size), "references": prepared.references,
         "options": {**prepared.options, "scene": Path(prepared.options["scene"]).name},
-        "views": {"train": len(scene.train), "validation": len(scene.validation), "test": len(scene.test)},
+        "views": {"train": len(scene.train), "validation": len(scene.validation), "test": len(scene.judged),
+                  "doubtful_test": len(scene.test) - len(scene.judged)},
         "seconds": trained.seconds}
     shown = Shown(scene.name, (), (), ())
     if "representations" in tables:
@@ -191,7 +201,7 @@ def _representations(scene: TrainingScene, t: Trained) -> dict[str, Any]:
     methods = {labels.SMFR: t.smfr, labels.MMFR: t.mmfr, labels.OURS: t.ours, labels.PLAIN: t.plain}
     seconds = {labels.MMFR: t.seconds_of(SEPARATE), labels.OURS: t.seconds_of(LEVELS),
                labels.PLAIN: t.seconds_of(tuple(name + PLAIN for name in LEVELS))}
-    compared = {row.method: row for row in comparison.compare(scene, methods, seconds)}
+    compared = {row.method: row for row in comparison.compare(scene, methods, seconds, t.recipe.pooling)}
     return {
         "comparison": [row.record() for row in compared.values()],
         "fewer_percent": comparison.fewer_percent(compared[labels.OURS], compared[labels.PLAIN]),

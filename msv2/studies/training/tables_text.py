@@ -101,11 +101,33 @@ def comparison_table(rows: Sequence[Mapping[str, Any]]) -> str:
                 f"{paper['storage_mb']:g} ({100 * (paper['storage_mb'] / base['storage_mb'] - 1):+.0f} %)",
                 " / ".join(f"{value:g}" for value in paper["hvsq_e5"])]
 
-    return table(
+    whole = table(
         ("method", "storage MB", "over L1", "HVSQ 1e-5 L1", "L2", "L3", "L4", "intersections/frame",
          f"{cycles_of(smfr['frame'])}, per frame", "speed, SMFR = 1", "paper: FPS (SMFR = 1)",
          "paper: MB (over SMFR)", "paper: HVSQ 1e-5"),
         map(cells, rows))
+    return whole + windows_table(rows)
+
+
+def windows_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """HVSQ of the levels on test views with each kind of windows, and how far it is above L1's on gate and test views. It is
+    empty for reports from before there were kinds."""
+    rows = [row for row in rows if "hvsq_by_kind" in row]
+    if not rows:
+        return ""
+
+    def cells(row: Mapping[str, Any]) -> list[str]:
+        above = [[100 * (value / hvsq[0] - 1) for value in hvsq[1:]] for hvsq in (row["hvsq_validation"], row["hvsq"])]
+        return [
+            row["method"],
+            *(", ".join(f"{1e5 * value:.2f}" for value in row["hvsq_by_kind"][kind]) for kind in ("blocks", "box")),
+            *(", ".join(f"{value:+.1f} %" for value in each) for each in above),
+            ", ".join(f"{test - gate:+.1f}" for gate, test in zip(*above, strict=True)),
+            ", ".join(f"{value:.2f}" for value in row["points_per_pixel"])]
+
+    return "\n" + table(
+        ("method", "HVSQ 1e-5 of L1 to L4, blocks", "box", "L2 to L4 over L1, gate views", "test views", "gate to test",
+         "points a pixel"), map(cells, rows))
 
 
 def ablation_table(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -120,12 +142,25 @@ def ablation_table(rows: Sequence[Mapping[str, Any]]) -> str:
             f"{frame['entries_per_tile']:.1f}", f"{frame['entries']:,.0f}", f"{frame['cycles']:,.0f}",
             f"{dense['frame']['entries'] / max(frame['entries'], 1):.2f}", f"{dense['frame']['cycles'] / frame['cycles']:.2f}",
             f"{row['psnr']:.2f}", f"{row['ssim']:.4f}", "" if speed is None else f"{speed:.1f}",
-            "" if size is None else f"{size:g} %"]
+            "" if size is None else f"{size:g} %", *gate_cells(row, dense)]
 
     return table(
         ("model", "points of L1", "storage MB", "of dense", "intersections/tile", "per frame",
          f"{cycles_of(dense['frame'])}, per frame", "fewer intersections, times", "speed, dense = 1", "PSNR dB", "SSIM",
-         "paper: speed", "paper: size"), map(cells, rows))
+         "paper: speed", "paper: size", *gate_head(rows)), map(cells, rows))
+
+
+def gate_head(rows: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    """Heads of `gate_cells`; none for reports from before there were such columns."""
+    return ("points a pixel", "PSNR of dense, gate views", "gate to test") if "psnr_gate" in rows[0] else ()
+
+
+def gate_cells(row: Mapping[str, Any], dense: Mapping[str, Any]) -> list[str]:
+    """Points a pixel, the share of the dense model's PSNR on the gate's views, and by how much that on test views differs."""
+    if "psnr_gate" not in row:
+        return []
+    gate, test = (100 * row[key] / dense[key] for key in ("psnr_gate", "psnr"))
+    return [f"{row['points_per_pixel']:.2f}", f"{gate:.2f} %", f"{test - gate:+.2f}"]
 
 
 def points_table(scene: Mapping[str, Any]) -> str:
@@ -167,11 +202,13 @@ def pruning_table(rows: Sequence[Mapping[str, Any]]) -> str:
         return [
             _pruned_name(row), row["variant"] or "", f"{row['points']:,}", f"{row['points_percent']:.1f} %",
             f"{row['frame']['entries']:,.0f}", f"{row['cut']:.2f}", f"{row['frame']['cycles']:,.0f}", f"{row['psnr']:.2f}",
-            f"{row['psnr_percent']:.2f} %", f"{row['ssim']:.4f}", f"{row['ssim_percent']:.2f} %", "; ".join(targets)]
+            f"{row['psnr_percent']:.2f} %", f"{row['ssim']:.4f}", f"{row['ssim_percent']:.2f} %", "; ".join(targets),
+            *gate_cells(row, rows[0])]
 
     return table(
         ("pruned by", "gate", "points", "of dense", "intersections/frame", "fewer than dense, times",
-         f"{cycles_of(rows[0]['frame'])}, per frame", "PSNR dB", "of dense", "SSIM", "of dense", "targets"),
+         f"{cycles_of(rows[0]['frame'])}, per frame", "PSNR dB", "of dense", "SSIM", "of dense", "targets",
+         *gate_head(rows)),
         map(cells, rows))
 
 

@@ -7,11 +7,15 @@ from skimage.data import astronaut
 
 torch = pytest.importorskip("torch")
 
-from golden.metrics.hvsq import POOLING_PX, Hvsq, foveated, pooling_map, pooling_px  # noqa: E402
-from golden.metrics.pooling import MapPooling, UniformPooling  # noqa: E402
+from torch.nn.functional import interpolate  # noqa: E402
+
+from golden.metrics.hvsq import FULL_WIDTH, POOLING_PX, Hvsq, foveated, pooling_map, pooling_px  # noqa: E402
+from golden.metrics.level_pooling import LevelPooling  # noqa: E402
+from golden.metrics.pooling import KINDS, MapPooling, UniformPooling  # noqa: E402
 from golden.metrics.pyramid import LEVELS, SteerablePyramid, filters  # noqa: E402
 from golden.scenes.gaze import Display  # noqa: E402
 from spec.constants import REGION_START_DEG  # noqa: E402
+from spec.errors import InputError  # noqa: E402
 
 OFFSET_HVSQ = 0.05**2 / (51 * 3)
 """Of a uniform offset of 0.05: luma alone differs, in the low-pass alone."""
@@ -50,11 +54,14 @@ def poolings(height, width):
     return [0.3, 1.0, 2.26, 7.0, 12.0, 500.0, 12 * by_gaze]
 
 
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("size", [(64, 96), (50, 71)])
-def test_a_uniform_offset_is_known_in_closed_form(size):
+def test_a_uniform_offset_is_known_in_closed_form(size, kind):
     (reference,) = tensors(picture(*size))
     for pooling in poolings(*size):
-        metric = Hvsq(reference, pooling)
+        if kind == "blocks" and isinstance(pooling, np.ndarray):
+            continue
+        metric = Hvsq(reference, pooling, kind)
         assert metric(reference + 0.05).item() == pytest.approx(OFFSET_HVSQ, rel=2e-3)
         mask = torch.zeros(size, dtype=torch.bool)
         mask[3:9, 20:50] = True
@@ -277,6 +284,8 @@ def test_statistics_are_of_the_stated_size():
         (lambda: Hvsq(torch.zeros(40, 40, 3), float("nan")), "nan"),
         (lambda: Hvsq(torch.zeros(40, 40, 3), -1.0), "-1.0"),
         (lambda: Hvsq(torch.zeros(40, 40, 3), np.ones((40, 41))), "40, 41"),
+        (lambda: Hvsq(torch.zeros(40, 40, 3), 1, "disc"), "kind 'disc'"),
+        (lambda: Hvsq(torch.zeros(40, 40, 3), np.ones((40, 40)), "blocks"), "box alone with a map"),
         (lambda: Hvsq(torch.zeros(40, 40, 3), 1)(torch.zeros(40, 41, 3)), "40, 41"),
         (lambda: Hvsq(torch.zeros(40, 40, 3), 1)(torch.zeros(40, 40, 3), torch.zeros(40, 40)), "none"),
         (lambda: Hvsq(torch.zeros(40, 40, 3), 1)(torch.zeros(40, 40, 3), torch.zeros(4, 40)), "4, 40"),
@@ -285,6 +294,50 @@ def test_statistics_are_of_the_stated_size():
 def test_bad_input_is_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+@pytest.mark.parametrize("width", [1.5, 2.26, 3, 7, 12, 500])
+@pytest.mark.parametrize("size", [(64, 96), (50, 71)])
+def test_blocks_are_areas_down_and_bilinear_up(width, size):
+    """As torch resizes; the adjoint is the transposed map."""
+    planes, other = torch.rand(2, 3, *size, dtype=torch.float64, generator=torch.Generator().manual_seed(3))
+    blocks = UniformPooling(width, size, planes, "blocks")
+    areas = interpolate(planes[None], size=[max(1, int(n / width)) for n in size], mode="area")
+    expected = interpolate(areas, size=size, mode="bilinear", align_corners=False)[0]
+    assert torch.allclose(blocks.mean(planes), expected, atol=1e-12)
+    assert float((blocks.mean(planes) * other).sum()) == pytest.approx(float((planes * blocks.adjoint(other)).sum()))
+
+
+@pytest.mark.parametrize("width", [3.0, 7.0, 12.0])
+def test_blocks_forgive_a_shift_that_boxes_see(width):
+    reference = astronaut()[:288, :416] / 255
+    shifted = np.roll(reference, 1, axis=1)
+    by_box, by_blocks = (Hvsq(*tensors(reference), width, kind)(*tensors(shifted)).item() for kind in ("box", "blocks"))
+    assert 1.2 < by_box / by_blocks < 2
+
+
+def test_gradient_over_blocks_is_that_of_finite_differences():
+    reference, image = tensors(picture(32, 64), noisy(picture(32, 64)), dtype=torch.float64)
+    metric = Hvsq(reference, 5.0, "blocks")
+    image.requires_grad_()
+    metric(image).backward()
+    direction = torch.rand(image.shape, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
+    with torch.no_grad():
+        rise = (metric(image + 1e-5 * direction) - metric(image - 1e-5 * direction)).item() / 2e-5
+    assert float((image.grad * direction).sum()) == pytest.approx(rise, rel=1e-5)
+
+
+def test_levels_pool_over_the_papers_pixels():
+    """Or over fewer, where the frame is taken to be shown as large as the paper's."""
+    assert LevelPooling().widths == POOLING_PX and LevelPooling().kind == "blocks"
+    assert LevelPooling(FULL_WIDTH // 2).widths == pytest.approx(np.divide(POOLING_PX, 2), rel=1e-3)
+    reference, image = tensors(picture(64, 96), noisy(picture(64, 96)))
+    for kind in KINDS:
+        pooling = LevelPooling().of_kind(kind)
+        assert pooling.hvsq(reference, 2)(image) == Hvsq(reference, 7.0, kind)(image)
+    for arguments, message in (((0,), "pooling-width 0"), ((10, "disc"), "pooling 'disc' .* blocks, box")):
+        with pytest.raises(InputError, match=message):
+            LevelPooling(*arguments)
 
 
 def odaks(name):
@@ -345,6 +398,20 @@ def test_odak_agrees_exactly_once_it_pools_as_we_do(width, monkeypatch):
     for image in alterations(reference).values():
         expected = theirs(*(nchw(t) for t in tensors(image, reference))).item()
         assert Hvsq(*tensors(reference), width)(*tensors(image)).item() == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("width", [2, 4, 8])
+def test_odak_agrees_exactly_over_blocks(width, monkeypatch):
+    """Its blocks are ours; within a pixel, where ours are the pixel itself, its resizing is switched off."""
+    module, pyramid = odaks("metameric_loss_uniform")
+    reference = picture(64, 96)
+    theirs = module.MetamericLossUniform(pooling_size=width, n_orientations=6)
+    theirs.pyramid_maker = pyramid
+    blur = module.uniform_blur
+    monkeypatch.setattr(module, "uniform_blur", lambda image, size: blur(image, size) if size > 1 else image)
+    for image in alterations(reference).values():
+        expected = theirs(*(nchw(t) for t in tensors(image, reference))).item()
+        assert Hvsq(*tensors(reference), width, "blocks")(*tensors(image)).item() == pytest.approx(expected, rel=1e-4)
 
 
 def boxes(image, width):

@@ -19,7 +19,7 @@ from golden.host.registers import frame_registers
 from golden.scenes import limited
 from golden.scenes.camera import Camera, checked
 from golden.scenes.camera_file import camera_text, load_camera
-from golden.scenes.dataset import image_size
+from golden.scenes.dataset import Dataset, image_size
 from golden.scenes.datasets import load_dataset
 from golden.scenes.expansion import VARIABLE, check_expansion, check_gzip, expansion
 from golden.scenes.files import only_inside, read_any_json, read_bytes
@@ -167,6 +167,20 @@ def test_a_png_header_of_billions_of_pixels_is_no_photograph(tmp_path):
     (tmp_path / "a.png").write_bytes(png_header(60000, 60000))
     with pytest.raises(InputError, match="readable photograph"):
         image_size(tmp_path / "a.png")
+
+
+def test_a_photograph_that_needs_more_memory_than_there_is_is_unreadable(tmp_path, monkeypatch):
+    """Pillow asks for as many bytes as a damaged part of a PNG announces, which is up to two gigabytes."""
+    def refused(image, mode):
+        raise MemoryError
+
+    Image.new("RGB", (CAMERA.width, CAMERA.height)).save(tmp_path / "a.png")
+    none = np.empty((0, 3))
+    data = Dataset((CAMERA,), (tmp_path / "a.png",), none, none.astype(np.uint8), np.array([0.0, 1.0, 0.0]), "a")
+    assert data.pixels(0).shape == (CAMERA.height, CAMERA.width, 4)
+    monkeypatch.setattr(Image.Image, "convert", refused)
+    with pytest.raises(InputError, match="readable photograph"):
+        data.pixels(0)
 
 
 def test_pipes_and_devices_are_not_read(tmp_path):

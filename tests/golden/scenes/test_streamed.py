@@ -142,6 +142,7 @@ BRANCH = ("tree", "children", 0, "children", 0)
     (changed(("lodLevels",), True), "lodLevels is True"), (changed(("filenames",), "0_0"), "filenames is '0_0'"),
     (changed(("filenames",), [1]), r"filenames is \[1\]"),
     (changed(("filenames", 1), "9_9/meta.json"), "names '9_9/meta.json'"),
+    (changed(("filenames", 1), "x" * 6000), "names 'xxx"), (changed(("filenames", 1), "a\0b"), "names 'a.*does not exist"),
     (changed(("environment",), 3), "environment is 3"), (changed(("environment",), "away/meta.json"), "away/meta.json"),
     (changed(("tree",), None), "tree is None"), (changed(("tree",), {}), r"tree has the keys \[\]"),
     (changed(("tree",), {"children": []}), "no leaf of the tree"),

@@ -8,7 +8,7 @@ torch = pytest.importorskip("torch")
 
 from golden.diff.render import render  # noqa: E402
 from golden.training.efficiency import TIE_BREAK, Scores, efficiency, importance, widened, without_lowest  # noqa: E402
-from golden.training.scale_decay import next_gamma, weighted_scale  # noqa: E402
+from golden.training.scale_decay import balance, next_gamma, weighted_scale  # noqa: E402
 from golden.training.views import PerView, generator, view_at, views_within  # noqa: E402
 from tests.helpers.training_samples import forward_camera, pixels_covered, round_gaussians  # noqa: E402
 
@@ -133,11 +133,17 @@ def test_weighted_scale_and_its_gradient():
 
 
 def test_gamma_rises_and_falls_by_threes():
+    """From 0 to the first value at the first pass, and never below it again, nor above the limit."""
     gamma, seen = 0.0, []
-    for passed in (True, True, True, False, False, False, False, True):
-        gamma = next_gamma(gamma, passed)
+    for passed in (False, True, True, True, True, False, False, False, False, True):
+        gamma = next_gamma(gamma, passed, 1e-4, 2e-3)
         seen.append(gamma)
-    assert seen == pytest.approx([1e-4, 3e-4, 9e-4, 3e-4, 1e-4, 0.0, 0.0, 1e-4])
+    assert seen == pytest.approx([0.0, 1e-4, 3e-4, 9e-4, 2e-3, 2e-3 / 3, 2e-3 / 9, 1e-4, 1e-4, 3e-4])
+    assert next_gamma(1e-4, True, 1e-4, 5e-5) == 1e-4
+
+
+def test_balance_makes_both_terms_equal():
+    assert balance(0.06, 2.0) * 2.0 == pytest.approx(0.06) and balance(0.06, 0.0) == 0.0
 
 
 def test_each_epoch_has_every_view_once_in_an_order_of_its_own():

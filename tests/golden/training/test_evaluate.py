@@ -22,7 +22,7 @@ def test_quality_is_the_mean_over_views_as_the_oracle_renders_them(scene):
     """PSNR, SSIM, HVSQ and entries of two views, from the float64 renderer's frames."""
     dense, views = small_dense(400), scene.validation[:2]
     seen = []
-    quality = evaluate(dense, scene, views, pooling=[1.0, 3.0], progress=seen.append)
+    quality = evaluate(dense, scene, views, hvsq=[lambda p: Hvsq(p, 1.0), lambda p: Hvsq(p, 3.0)], progress=seen.append)
     model = to_model(dense, up=scene.up, name="dense")
     expected = []
     for view in views:
@@ -39,11 +39,23 @@ def test_quality_is_the_mean_over_views_as_the_oracle_renders_them(scene):
     assert quality.hvsq == pytest.approx(hvsq, rel=1e-3)
     assert quality.points == len(dense)
     assert seen == [1, 2]
+    without = evaluate(dense, scene, views, ssim=False)
+    assert without.ssim is None and without.psnr == quality.psnr and without.views == tuple(view[:1] for view in quality.views)
 
 
-def test_gate_is_a_share_of_psnr_and_of_ssim():
-    dense = Quality(30.0, 0.9, 100.0, 1.0, 10)
+def test_gate_is_a_share_of_psnr_alone():
+    """The paper's H, M and L; SSIM is neither needed nor read."""
+    dense = Quality(30.0, 0.9, 100.0, 1.0, 10, views=((29.0, 0.9), (31.0, 0.9)))
     gate = Gate.of(dense, 0.02)
+    assert gate.psnr == pytest.approx(29.4) and not gate.reads_ssim
+    for ssim in (None, 0.1, 0.9):
+        assert gate.passes(Quality(29.5, ssim, 1.0, 1.0, 1)) and not gate.passes(Quality(29.3, ssim, 1.0, 1.0, 1))
+    assert gate.slack(Quality(29.6, None, 1.0, 1.0, 1, views=((28.8,), (30.4,)))) == pytest.approx(29.5 / 29.4 - 1)
+
+
+def test_gate_of_both_is_a_share_of_psnr_and_of_ssim():
+    dense = Quality(30.0, 0.9, 100.0, 1.0, 10)
+    gate = Gate.of(dense, 0.02, "both")
     assert (gate.psnr, gate.ssim) == pytest.approx((29.4, 0.882))
     assert gate.passes(dense)
     assert not gate.passes(Quality(29.3, 0.9, 1.0, 1.0, 1)) and not gate.passes(Quality(30.0, 0.88, 1.0, 1.0, 1))
@@ -64,3 +76,5 @@ def test_refusals(scene):
         evaluate(small_dense(400), scene, [])
     with pytest.raises(ValueError, match=r"1\.5"):
         Gate.of(Quality(30.0, 0.9, 1.0, 1.0, 1), 1.5)
+    with pytest.raises(ValueError, match="'ssim'"):
+        Gate.of(Quality(30.0, 0.9, 1.0, 1.0, 1), 0.01, "ssim")

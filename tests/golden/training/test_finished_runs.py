@@ -37,7 +37,8 @@ def finished(folder, name, **changes):
     run = folder / name
     (run / "checkpoints").mkdir(parents=True)
     options = {"scene": "embedded", "variant": "H", "baseline": None, "opacity-enhancement": True, "size": "64x64",
-               "iterations": 60, "max-points": 1500, "seed": 0, "from": None, "device": "cpu"} | changes
+               "iterations": 60, "max-points": 1500, "seed": 0, "from": None, "device": "cpu",
+               "gate": "psnr", "pooling": "blocks", "pooling-width": 1237} | changes
     (run / "report.json").write_text(json.dumps({"options": options}))
     (run / "model.ply").write_bytes(name.encode())
     (run / "log.jsonl").write_text('{"stage": "dense"}\n')
@@ -49,12 +50,14 @@ def test_finished_runs_are_found_by_their_options(tmp_path):
     finished(tmp_path, "m", variant="M")
     finished(tmp_path, "smfr", baseline="smfr", seed=1)
     finished(tmp_path, "v1", **{"opacity-enhancement": False, "seed": 2})
+    for seed, (option, value) in enumerate((("gate", "both"), ("pooling", "box"), ("pooling-width", 400)), 3):
+        finished(tmp_path, option, **{option: value, "seed": seed})
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / "report.json").write_text("{")
     wanted = {"scene": "embedded", "variant": "H", "size": None}
     assert find_run(tmp_path, wanted).folder.name == "a"
     assert find_run(tmp_path, wanted | {"variant": "M"}).folder.name == "m"
-    for other in ({"scene": "elsewhere"}, {"iterations": 61}, {"seed": 1}, {"seed": 2}):
+    for other in ({"scene": "elsewhere"}, {"iterations": 61}, *({"seed": seed} for seed in range(1, 6))):
         assert find_run(tmp_path, wanted | other) is None
     assert find_run(tmp_path / "nowhere", wanted) is None
 
@@ -65,7 +68,7 @@ def test_a_finished_run_is_reused_and_another_recipe_is_not(tmp_path, dense, sce
     results = {"dense": dense, "prune": dense}
     last = Checkpoint(options, totals, results, len(totals), None, 60, {"dense": {"iterations": 30, "seconds": 2.0}}, 1)
     Checkpoints(run / "checkpoints", RESULTS).save(last)
-    asked = Namespace(scenes=[], variant=None, size=None, iterations=None, max_points=None, seed=None)
+    asked = Namespace(scenes=[], variant=None, size=None, iterations=None, max_points=None, seed=None, full=False)
     prepared = tables.prepare(tables.wanted_scenes(asked)[0], tmp_path, "cpu")
     assert prepared.recipe == RECIPE and set(prepared.ready) == set(results) and prepared.scene.size == (64, 64)
     assert prepared.options["reused"] and prepared.records == [{"stage": "dense"}] and prepared.spent["dense"]["seconds"] == 2.0
@@ -77,11 +80,15 @@ def test_a_finished_run_is_reused_and_another_recipe_is_not(tmp_path, dense, sce
 
 
 def test_scenes_have_sizes_of_their_own():
-    asked = {"variant": "M", "size": "64x48", "iterations": None, "max_points": None, "seed": 3}
+    asked = {"variant": "M", "size": "64x48", "iterations": None, "max_points": None, "seed": 3, "full": False}
     args = Namespace(scenes=["embedded", "a@b/fern@504x378"], **asked)
     embedded, fern = tables.wanted_scenes(args)
     assert embedded.keys == {
         "scene": "embedded", "variant": "M", "size": "64x48", "iterations": None, "max-points": None, "seed": 3}
     assert fern.path == "a@b/fern" and fern.keys["size"] == "504x378" and fern.keys["scene"].endswith("/a@b/fern")
+    full = tables.wanted_scenes(replace_namespace(args, full=True, size=None, iterations=500))
+    assert [scene.options["max_points"] for scene in full] == [100_000, 285_000] and full[1].options["iterations"] == 500
+    with pytest.raises(InputError, match="'fern' is not accepted with --full"):
+        tables.wanted_scenes(replace_namespace(args, full=True, size=None, scenes=["fern"]))
     with pytest.raises(InputError, match="12xx"):
         tables.wanted_scenes(replace_namespace(args, scenes=["fern@12xx"]))

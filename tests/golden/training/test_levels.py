@@ -12,7 +12,8 @@ torch = pytest.importorskip("torch")
 
 from golden.diff.gaussians import Gaussians, from_model  # noqa: E402
 from golden.diff.render import render, render_foveated  # noqa: E402
-from golden.metrics.hvsq import Hvsq, pooling_px  # noqa: E402
+from golden.metrics.hvsq import Hvsq  # noqa: E402
+from golden.metrics.level_pooling import LevelPooling  # noqa: E402
 from golden.msv2_ref import pipeline  # noqa: E402
 from golden.oracle.render import render as render_oracle  # noqa: E402
 from golden.scenes.embedded.scene import cached_embedded_model, embedded_cameras  # noqa: E402
@@ -29,9 +30,8 @@ from spec.config import PAPER  # noqa: E402
 from spec.constants import AMP_MAX  # noqa: E402
 
 UP = np.array([0.0, 0.0, 1.0])
-POOLING = (1.0, 3.0, 7.0, 12.0)
 QUICK = LevelOptions(
-    iterations=12, interval=3, patience=1, share=3, rate_opacity=0.1, rate_log_amp=0.4, rate_sh_dc=0.02, pooling=POOLING)
+    iterations=12, interval=3, patience=1, share=3, rate_opacity=0.1, rate_log_amp=0.4, rate_sh_dc=0.02)
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +147,7 @@ def test_target_is_level_one_at_its_pooling_on_validation_views(trained, scene, 
     expected = []
     for view in scene.validation:
         image = render(base, scene.cameras[view]).image.clamp(0, 1)
-        expected.append(float(Hvsq(scene.photograph(view), pooling_px(0, 64))(image)))
+        expected.append(float(Hvsq(scene.photograph(view), 1.0)(image)))
     assert trained[1][0].target == pytest.approx(np.mean(expected), rel=1e-6)
 
 
@@ -258,8 +258,8 @@ def test_dense_renders_as_reference(scene, base):
     assert level_hvsq(FoveatedModel(base), scene, scene.test, dense=base) == (0.0,)
     assert LevelStage(scene, FoveatedModel(base), 1, QUICK, dense=base).target == 0.0
     model = smfr(base, (len(base), 900))
-    wide = level_hvsq(model, scene, scene.test, base, POOLING)
-    assert wide[1] < level_hvsq(model, scene, scene.test, base)[1]
+    wide = level_hvsq(model, scene, scene.test, base)
+    assert wide[1] < level_hvsq(model, scene, scene.test, base, LevelPooling(64))[1]
     assert not torch.equal(reference_image(scene, 0, base, "cpu"), scene.photograph(0))
 
 

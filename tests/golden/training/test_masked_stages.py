@@ -40,7 +40,8 @@ def stages(scene):
 def moved(stage) -> float:
     """The share of the splats whose colour changes in one iteration."""
     if isinstance(stage, LevelStage):
-        stage.step()  # its first step also prunes
+        stage.step()  # its first step also prunes, and the next one must not
+        stage._next_gate = stage.total
     before = stage.gaussians.sh_dc.detach().clone()
     stage.step(0, 0.0) if isinstance(stage, Retraining) else stage.step()
     return float((before != stage.gaussians.sh_dc.detach()).any(dim=1).float().mean())

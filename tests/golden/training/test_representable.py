@@ -53,6 +53,21 @@ def test_what_the_guard_band_holds_is_left_alone(scene, across, ahead, scale):
     assert Bounds(one).apply(splat) == 0 and same(splat, before)
 
 
+def test_a_crowd_is_narrowed_as_if_all_were_looked_at(scene, monkeypatch):
+    """Of thousands of splats of all sizes around the cameras, the same are narrowed to the same scales, bit for bit, with and
+    without the quick search before."""
+    rng, n = np.random.default_rng(4), 4000
+    crowd = Gaussians(
+        torch.from_numpy(rng.normal(0, 30, (n, 3))).float(), torch.from_numpy(rng.normal(1, 2, (n, 3))).float(),
+        torch.from_numpy(rng.normal(0, 1, (n, 4))).float(), torch.full((n,), 3.0), torch.zeros(n), torch.zeros(n, 3),
+        torch.zeros(n, 0, 3))
+    quick, whole = crowd.detached(), crowd.detached()
+    bounds = Bounds(scene)
+    found = bounds.apply(quick)
+    monkeypatch.setattr(bounds, "_candidates", lambda gaussians, widest: (torch.arange(n), bounds._cameras))
+    assert bounds.apply(whole) == found > 20 and same(quick, whole)
+
+
 def test_a_model_without_giants_stays_as_it_is(scene):
     dense = small_dense()
     before = dense.detached()

@@ -11,6 +11,7 @@ torch = pytest.importorskip("torch")
 from PIL import Image  # noqa: E402
 
 from golden.diff.render import render  # noqa: E402
+from golden.metrics.hvsq import Hvsq  # noqa: E402
 from golden.metrics.ssim import Ssim  # noqa: E402
 from golden.scenes.datasets import load_dataset  # noqa: E402
 from golden.training import embedded_photographs as embedded  # noqa: E402
@@ -31,7 +32,7 @@ def test_a_scene_of_each_format(tmp_path):
         cameras, points = write_set(kind, tmp_path / kind)
         scene = load_training_scene(tmp_path / kind)
         assert (scene.name, scene.size, len(scene)) == (kind, (WIDTH, HEIGHT), VIEWS)
-        assert (scene.test, scene.validation, scene.train) == ((0, 8), (4,), (1, 2, 3, 5, 6, 7))
+        assert (scene.test, scene.validation, scene.train) == ((0, 8), (2, 6), (1, 3, 4, 5, 7))
         for i, camera in enumerate(cameras):
             assert np.array_equal(scene.images[i], paint(camera, points))
             photograph = scene.photograph(i)
@@ -54,6 +55,17 @@ def test_views_are_divided(views):
     assert scene.test == tuple(range(0, views, 8))
 
 
+@pytest.mark.parametrize(("views", "validate", "train"), [(20, 4, 13), (24, 5, 16), (48, 5, 37), (100, 11, 76)])
+def test_small_sets_validate_with_more_than_an_eighth(views, validate, train):
+    """At least 5 views, but at most a quarter of those that do not test."""
+    cameras = little_scene()[0]
+    from golden.training.scene import divided_scene
+
+    scene = divided_scene("many", np.array([0.0, 0, 1]), tuple(cameras[i % VIEWS] for i in range(views)),
+                          np.zeros((views, HEIGHT, WIDTH, 3), np.uint8), np.ones((4, 3)), np.ones((4, 3)))
+    assert (len(scene.validation), len(scene.train)) == (validate, train)
+
+
 def test_doubtful_views_neither_train_nor_validate():
     cameras = little_scene()[0]
     from golden.training.scene import divided_scene, doubtful_poses
@@ -64,6 +76,8 @@ def test_doubtful_views_neither_train_nor_validate():
 
     whole, part = divided(()), divided((0, 1, 4, 5))
     assert part.doubtful == (0, 1, 4, 5) and part.test == whole.test
+    assert whole.judged == whole.test == (0, 8, 16) and part.judged == (8, 16)
+    assert replace(part, doubtful=(0, 8, 16)).judged == (0, 8, 16)
     assert part.train == tuple(i for i in whole.train if i not in part.doubtful)
     assert part.validation == tuple(i for i in whole.validation if i not in part.doubtful)
     assert {1, 4, 5} <= {*whole.train, *whole.validation}
@@ -172,7 +186,8 @@ def test_masked_pixels_neither_train_nor_judge(tmp_path):
     plain = evaluate(model, replace(scene, masks=None), [0])
     spoilt = scene.images.copy()
     spoilt[0][shown == 0] = 255 - spoilt[0][shown == 0]
-    one, other = (evaluate(model, replace(scene, images=images), [0], pooling=[1.0]) for images in (scene.images, spoilt))
+    one, other = (evaluate(model, replace(scene, images=images), [0], hvsq=[lambda photograph: Hvsq(photograph, 1.0)])
+                  for images in (scene.images, spoilt))
     assert one.psnr == pytest.approx(other.psnr, abs=1e-4) != pytest.approx(plain.psnr, abs=1e-2)
     left = scene.images[0][shown > 0] / np.float32(255)
     drawn = render(model, scene.cameras[0]).image.clamp(0, 1).numpy()[shown > 0]
@@ -295,5 +310,5 @@ def test_embedded_photographs_and_points_are_kept(tmp_path, monkeypatch):
 def test_real_scenes(data_dir):
     pytest.importorskip("pycolmap")
     fern = load_training_scene(data_dir / "posed" / "fern")
-    assert fern.size == (504, 378) and (len(fern.test), len(fern.validation), len(fern.train)) == (3, 2, 15)
+    assert fern.size == (504, 378) and (len(fern.test), len(fern.validation), len(fern.train)) == (3, 4, 13)
     assert len(fern.points) == 10091 and 0.9 * len(fern.points) < len(initial_gaussians(fern, 0))

@@ -11,8 +11,10 @@ from spec.paths import ROOT
 
 torch = pytest.importorskip("torch")
 
+from golden.metrics.level_pooling import LevelPooling  # noqa: E402
 from golden.training.baselines import smfr  # noqa: E402
 from golden.training.chain import Planned  # noqa: E402
+from golden.training.evaluate import evaluate  # noqa: E402
 from golden.training.recipe import ReadyStage, Recipe  # noqa: E402
 from msv2.studies.training import (  # noqa: E402
     ablation,
@@ -53,13 +55,15 @@ def test_comparison_rows(scene, dense):
     ours = smfr(dense, (600, 300, 120, 60), seed=1)
     plain = smfr(dense, (600, 400, 240, 60), seed=1)
     methods = {labels.OURS: ours, labels.PLAIN: plain}
-    rows = comparison.compare(replace(scene, test=scene.test[:1]), methods, {"ours": 3.0})
+    rows = comparison.compare(replace(scene, test=scene.test[:1]), methods, {"ours": 3.0}, LevelPooling())
     assert [row.method for row in rows] == [labels.OURS, labels.PLAIN]
     assert rows[0].points_percent == (100.0, 50.0, 20.0, 10.0) and rows[0].seconds == 3.0
     assert comparison.fewer_percent(*rows) == pytest.approx((0.0, 25.0, 50.0, 0.0))
     assert rows[0].storage_mb == ours.storage.total / 1e6
     assert rows[0].hvsq[0] == rows[1].hvsq[0] > 0 and len(rows[0].hvsq) == len(rows[0].hvsq_validation) == 4
     assert rows[0].hvsq_validation[0] != rows[0].hvsq[0]
+    assert rows[0].hvsq == rows[0].hvsq_by_kind["blocks"] and rows[0].hvsq[3] != rows[0].hvsq_by_kind["box"][3]
+    assert rows[0].points_per_pixel == pytest.approx([count / 64**2 for count in (600, 300, 120, 60)])
     assert rows[0].frame.entries < rows[1].frame.entries
 
 
@@ -67,7 +71,8 @@ def test_ablation_rows(scene, dense):
     few = dense.select(torch.arange(0, 600, 2))
     levels = smfr(few, (300, 200, 100, 50))
     rows = ablation.ablate(replace(scene, test=scene.test[:1]), (("dense", dense), ("few", few), ("levels", levels)))
-    assert [row.points for row in rows] == [600, 300, 300]
+    assert [row.points for row in rows] == [600, 300, 300] and rows[0].points_per_pixel == 600 / 64**2
+    assert rows[0].psnr_gate == evaluate(dense, scene, scene.validation).psnr != rows[0].psnr
     assert rows[1].psnr == rows[2].psnr != rows[0].psnr
     assert rows[0].frame.entries > rows[1].frame.entries > rows[2].frame.entries
     assert rows[1].storage_mb == rows[0].storage_mb / 2 < rows[2].storage_mb
@@ -237,6 +242,8 @@ def test_page_plot_and_json_hold_every_scene(tmp_path, scene, dense):
                  "| embedded, 64x64 | L1 of H: intersections cut >= 3 times |"):
         assert text in page, text
     kept = json.loads((tmp_path / "training.json").read_text())["scenes"]
+    for head in ("| points a pixel | PSNR of dense, gate views | gate to test |", "| HVSQ 1e-5 of L1 to L4, blocks | box |"):
+        assert page.count(head) == (4 if "gate views" in head else 2), head
     assert [each["scene"] for each in kept] == ["embedded", "other"]
     assert kept[0]["latency"]["versions"][0]["rtl"]["cycles"] == 7 * 600 + 31
     assert markdown(kept, "training.png").rstrip() == page.rstrip()  # nothing is on the page that is not in the JSON
@@ -251,8 +258,9 @@ def results_have_the_tables(folder, page):
     assert fill(folder / "results.md", folder) == 0
     filled = (folder / "results.md").read_text()
     assert "(not measured yet)" not in filled and "reports/training.png" in filled
-    of_runs = filled.index("<!-- table:training_pooling -->")  # a table of runs of golden/train.py, which the page has not
-    filled = filled[:of_runs] + filled[filled.index("<!-- end -->", of_runs) :]
+    for name in ("training_headline", "training_pooling"):  # tables of runs of golden/train.py, which the page has not
+        of_runs = filled.index(f"<!-- table:{name} -->")
+        filled = filled[:of_runs] + filled[filled.index("<!-- end -->", of_runs) :]
     rows = [line for line in filled.splitlines() if line.startswith("|")]
     assert len(rows) > 50 and set(rows) <= set(page.splitlines())
     assert filled.count("**other, 64x64**") == 5
