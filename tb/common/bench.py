@@ -66,16 +66,17 @@ class Bench(wiring.Component):
         # A request that leaves has age 0 at the next edge. Each request in flight is a bit of this shift register.
         m.d.sync += [age.eq(left << delay | age >> 1), due.eq(due + age[0] - answered)]
 
-    def playback(self, name: str, module: str, verilog: str | None = None) -> Playback:
+    def playback(self, name: str, module: str, verilog: str | None = None, *, busy_watched: bool = False) -> Playback:
         """The bench with a file at each stream.
 
         Args:
             name: the name of the build folder.
             module: the name of the bench's Verilog module.
             verilog: the bench's Verilog if it has been emitted before; None emits it.
+            busy_watched: as in `Playback`; the `busy` of most benches is that of a part, or speaks of a frame.
         """
         return Playback(
             name=name, module=module, verilog=verilog or to_verilog(self, module),
             inputs=tuple(Stream(*item) for item in self.inputs.items()),
             outputs=tuple(Stream(*item) for item in self.outputs.items()),
-            settings=tuple(self.settings.items()), observed=tuple(self.observed.items()))
+            settings=tuple(self.settings.items()), observed=tuple(self.observed.items()), busy_watched=busy_watched)

@@ -6,10 +6,11 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import version
 
 from rtl import units
+from rtl.emit import sources_are_kept
 from spec.config import AcceleratorConfig
 from spec.paths import ROOT, cache_folder
 from spec.progress import phase
@@ -20,14 +21,18 @@ FOLDER = cache_folder("emitted")
 def emitted(name: str, config: AcceleratorConfig, emit: Callable[[AcceleratorConfig], str] | None = None) -> str:
     """The Verilog of a unit. It comes from the cache if rtl/, spec/, Amaranth and the configuration have not changed.
 
-    `emit(config)` emits it, or, without `emit`, `rtl.units` emits the unit of this name.
+    `emit(config)` emits it, or, without `emit`, `rtl.units` emits the unit of this name. While `rtl.emit.keeping_sources` is
+    open it is emitted anew.
     """
+    make = emit or partial(units.emit, name)
+    if sources_are_kept():
+        return make(config)
     parameters = config.with_(name="any")  # machines that differ only in their name share one entry
     key = hashlib.sha256(f"{_sources_digest()} {parameters!r}".encode()).hexdigest()[:16]
     path = FOLDER / f"{name}-{key}.v"
     if not path.exists():
         with phase(f"emitting the Verilog of {name}"):
-            text = emit(config) if emit else units.emit(name, config)
+            text = make(config)
         path.parent.mkdir(parents=True, exist_ok=True)
         scratch = path.with_suffix(f".{os.getpid()}.tmp")
         scratch.write_text(text)

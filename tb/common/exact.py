@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,6 +19,18 @@ from tb.common.player import Recording, Run, play
 from tb.common.runner import Waves
 
 _SHOWN = 5
+
+_player: ContextVar[Callable[..., list[Recording]]] = ContextVar("player", default=play)
+
+
+@contextmanager
+def played_by(player: Callable[..., list[Recording]]) -> Iterator[None]:
+    """While it is open, plans are played by `player`, with the arguments of `tb.common.player.play`, and judged as ever."""
+    token = _player.set(player)
+    try:
+        yield
+    finally:
+        _player.reset(token)
 
 
 @dataclass(frozen=True)
@@ -85,6 +99,14 @@ def every_pattern(ports: Sequence[str], seed: int) -> dict[str, dict[str, tuple[
         for paused in (*((port,) for port in ports), tuple(ports))}
 
 
+def backpressure(inputs: Sequence[str], outputs: Sequence[str], seed: int) -> dict[str, dict[str, tuple[Pattern, int]]]:
+    """Pause patterns by a name for the run: outputs that hold everything up until the whole unit is full, while the inputs
+    pause in half of the cycles, so that gaps lie between the items inside; and the same with inputs that never pause."""
+    tides = {port: (Pattern.TIDAL, seed + i) for i, port in enumerate(outputs)}
+    gaps = {port: (Pattern.RANDOM, seed + i) for i, port in enumerate(inputs)}
+    return {"full again and again": tides, "full again and again, with gaps": {**tides, **gaps}}
+
+
 def rate(recording: Recording, port: str) -> float:
     """Items that an input port accepted per cycle in which one was offered."""
     return recording.items[port] / max(recording.items[port] + recording.stalls[port], 1)
@@ -109,9 +131,9 @@ def run_plan(
     For `watchdog` see `play`. `judge` lists what is wrong with the recording of a run; None stands for `problems`.
     """
     begin, outcome = time.perf_counter(), Outcome()
-    for item, recording in zip(
-            plan, play(playback, [item.run for item in plan], folder, waves=waves, progress=progress, watchdog=watchdog),
-            strict=True):
+    played = _player.get()(
+        playback, [item.run for item in plan], folder, waves=waves, progress=progress, watchdog=watchdog)
+    for item, recording in zip(plan, played, strict=True):
         outcome.cycles += recording.cycles
         if item.run.abort is not None:
             continue

@@ -17,12 +17,14 @@ class Pattern(Enum):
     ALWAYS = "always"
     RANDOM = "random"
     BURSTY = "bursty"
+    TIDAL = "tidal"
 
     def pauses(self, seed: int = 0) -> np.ndarray:
         """(PERIOD,) bool, True where the port pauses; never True throughout.
 
         NEVER does not pause; ALWAYS pauses in every other cycle, the most that still lets items move; RANDOM pauses in half of
-        the cycles; BURSTY pauses for up to 96 cycles in a row, and flows for up to 96 cycles in a row between.
+        the cycles; BURSTY pauses for up to 96 cycles in a row, and flows for up to 96 cycles in a row between. TIDAL pauses for
+        a third of the table, flows for a sixth, and again: behind a sink that does so even long pipelines fill up.
         """
         rng = np.random.default_rng(seed)
         if self is Pattern.NEVER:
@@ -31,5 +33,7 @@ class Pattern(Enum):
             return np.arange(PERIOD) % 2 == 0
         if self is Pattern.RANDOM:
             return rng.random(PERIOD) < 0.5
+        if self is Pattern.TIDAL:
+            return np.arange(PERIOD) % (PERIOD // 2) < PERIOD // 3
         lengths = rng.choice([1, 2, 3, 8, 24, 96], PERIOD)
         return np.repeat(np.arange(PERIOD) % 2 == 0, lengths)[:PERIOD]

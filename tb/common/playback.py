@@ -18,6 +18,7 @@ ERRORS = {
     2: "no item moved for the length of the watchdog",
     4: "more items came out than expected",
     8: "input was left over",
+    16: "`busy` was low while an item was offered, or one came out that nothing had come in for since",
 }
 """Meanings of the bits of the wrapper's output `errors`."""
 
@@ -43,8 +44,11 @@ class Playback:
         inputs: its input streams.
         outputs: its output streams.
         settings: (port, bits) of plain inputs, which are constant during a run.
-        observed: (port, bits) of plain outputs, which are read at the end of a run.
+        observed: (port, bits) of plain outputs, which are read at the end of a run. `busy` is also watched in every cycle: it
+            must be high while an item is offered, and where it is low and nothing is offered at the inputs, nothing may come
+            out before something is.
         apart: modules that Verilator does not inline (see `runner.Design`).
+        busy_watched: False where the unit's `busy` does not tell whether something is inside.
     """
 
     name: str
@@ -55,6 +59,7 @@ class Playback:
     settings: tuple[tuple[str, int], ...] = ()
     observed: tuple[tuple[str, int], ...] = ()
     apart: tuple[str, ...] = ()
+    busy_watched: bool = True
 
     def design(self) -> Design:
         """The unit with its wrapper, ready to build."""
@@ -171,12 +176,18 @@ module tb ({ports}
       cycle <= cycle + 1;
       idle <= moves ? 0 : idle + 1;
       if (moves) cycles <= cycle + 1;
-      errors <= errors | (broken ? 1 : 0) | (ends & ~complete ? 2 : 0) | (excess ? 4 : 0) | (ends & ~ended ? 8 : 0);
+      errors <= errors | (broken ? 1 : 0) | (ends & ~complete ? 2 : 0) | (excess ? 4 : 0) | (ends & ~ended ? 8 : 0)
+        | (denied ? 16 : 0);
       if (ends) over <= 1;
     end
   end
   wire broken = {broken};
   wire excess = {excess};
+  // A unit that says it is not busy has nothing inside.
+  reg empty = 0;
+  wire fed = {fed}, offers = {offers};
+  wire denied = offers & (empty | ~{busy});
+  always @(posedge clk) empty <= running & ~rst & ~fed & (empty | ~{busy});
 {streams}
   {module} dut (
     .clk(clk), .rst(rst){connections}
@@ -192,7 +203,7 @@ def _wrapper(playback: Playback) -> str:
     ports = [f"input [{width - 1}:0] {name}" for name, width in driven.items()]
     ports += [f"output [31:0] {name}_{what}" for name in names for what in ("items", "stalls")]
     ports += [f"output [{width - 1}:0] {name}" for name, width in playback.observed]
-    ports += ["output reg [31:0] cycles = 0", "output reg over = 0", "output reg [3:0] errors = 0"]
+    ports += ["output reg [31:0] cycles = 0", "output reg over = 0", "output reg [4:0] errors = 0"]
     streams = [
         template.format(name=s.name, top=s.record.width - 1, period=PERIOD)
         for template, group in ((_SOURCE, playback.inputs), (_SINK, playback.outputs)) for s in group]
@@ -209,4 +220,6 @@ def _wrapper(playback: Playback) -> str:
         broken=" | ".join(f"{n}_broken" for n in outputs),
         flooded=" | ".join(f"({n}_taken > {n}_limit + (watchdog << 6))" for n in outputs),
         excess=" | ".join(f"({n}_moves & {n}_taken >= {n}_limit)" for n in outputs),
+        fed=" | ".join(f"{n}_valid" for n in inputs) or "1'b1", offers=" | ".join(f"{n}_valid" for n in outputs),
+        busy="busy" if playback.busy_watched and ("busy", 1) in playback.observed else "1'b1",
     )

@@ -82,22 +82,26 @@ def play(
         SimulationError: the build or the simulation itself fails. Violated rules do not raise; they are in the recordings.
     """
     folder = folder.resolve()  # the simulator runs in another working directory
-    for number, run in enumerate(runs):
-        _write_stimuli(playback, run, folder / str(number))
-    orders = {
-        "watchdog": watchdog, "progress": progress,
-        "observed": [name for name, _ in playback.observed],
-        "ports": [s.name for s in (*playback.inputs, *playback.outputs)],
-        "runs": [{key: value for key, value in asdict(run).items() if key not in ("inputs", "patterns")} for run in runs],
-    }
-    (folder / "orders.json").write_text(json.dumps(orders))
+    (folder / "orders.json").write_text(json.dumps(prepare(playback, runs, folder, watchdog) | {"progress": progress}))
     report = folder / "report.json"
     report.unlink(missing_ok=True)
     simulate(
         playback.design(), "tb.common.recordings", folder, waves=waves, env={"PLAYBACK_FOLDER": str(folder)},
         plusargs=[f"+folder={folder}"])
     results = json.loads(report.read_text())
-    return [_read(playback, run, result, folder / str(n)) for n, (run, result) in enumerate(zip(runs, results, strict=True))]
+    return [recording_of(playback, run, result, folder / str(n))
+            for n, (run, result) in enumerate(zip(runs, results, strict=True))]
+
+
+def prepare(playback: Playback, runs: Sequence[Run], folder: Path, watchdog: int) -> dict[str, object]:
+    """Writes the stimuli of run n into folder/n; returns what the simulation needs to know of the runs, JSON-ready."""
+    for number, run in enumerate(runs):
+        _write_stimuli(playback, run, folder / str(number))
+    return {
+        "watchdog": watchdog, "observed": [name for name, _ in playback.observed],
+        "ports": [s.name for s in (*playback.inputs, *playback.outputs)],
+        "runs": [{key: value for key, value in asdict(run).items() if key not in ("inputs", "patterns")} for run in runs],
+    }
 
 
 def _write_stimuli(playback: Playback, run: Run, folder: Path) -> None:
@@ -109,7 +113,8 @@ def _write_stimuli(playback: Playback, run: Run, folder: Path) -> None:
         (folder / f"{stream.name}.pauses").write_text("\n".join(str(int(p)) for p in pattern.pauses(seed)))
 
 
-def _read(playback: Playback, run: Run, result: dict, folder: Path) -> Recording:
+def recording_of(playback: Playback, run: Run, result: dict, folder: Path) -> Recording:
+    """The recording of a run from the simulation's result and the outputs that it left in the folder."""
     numbers = {key: result[key] for key in ("cycles", "items", "stalls", "observed", "seconds")}
     if run.abort is not None:
         outputs = {stream.name: np.empty(0, stream.record.dtype) for stream in playback.outputs}

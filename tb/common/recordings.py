@@ -32,21 +32,22 @@ async def recordings(dut: object) -> None:
     report = []
     with tqdm(total=total, unit="item", disable=not orders["progress"], desc="RTL", mininterval=1) as bar:
         for number, run in enumerate(orders["runs"]):
-            await _start(dut, number, run)
+            await start(dut, number, run)
             begin = time.perf_counter()
             if run["abort"] is None:
-                await _finish(dut, list(run["expected"]), bar)
+                await finish(dut, list(run["expected"]), bar)
             else:
                 await ClockCycles(dut.clk, run["abort"])
                 dut.rst.value = 1
                 await ClockCycles(dut.clk, 1)
-            report.append({**_result(dut, orders["ports"], orders["observed"]), "seconds": time.perf_counter() - begin})
+            report.append({**result(dut, orders["ports"], orders["observed"]), "seconds": time.perf_counter() - begin})
             dut.active.value = 0
             await ClockCycles(dut.clk, 1)
     (folder / "report.json").write_text(json.dumps(report))
 
 
-async def _start(dut: object, number: int, run: dict) -> None:
+async def start(dut: object, number: int, run: dict) -> None:
+    """Begins a run: the reset if it has one, then its settings and its number, whose folder has its stimuli."""
     if run["reset"]:
         dut.rst.value = 1
         await ClockCycles(dut.clk, 3)
@@ -59,16 +60,19 @@ async def _start(dut: object, number: int, run: dict) -> None:
     await ClockCycles(dut.clk, 2)  # the first edge samples `active`; `over` has fallen after the second
 
 
-async def _finish(dut: object, outputs: list[str], bar: tqdm) -> None:
+async def finish(dut: object, outputs: list[str], bar: tqdm | None = None) -> None:
+    """Waits for the end of a run, and shows on the bar how many items of these outputs have come."""
     shown = 0
     while not dut.over.value:
         await First(RisingEdge(dut.over), Timer(_PROGRESS_CYCLES * CLOCK_NS, "ns"))
         items = sum(int(getattr(dut, f"{name}_items").value) for name in outputs)
-        bar.update(items - shown)
+        if bar is not None:
+            bar.update(items - shown)
         shown = items
 
 
-def _result(dut: object, ports: list[str], observed: list[str]) -> dict:
+def result(dut: object, ports: list[str], observed: list[str]) -> dict:
+    """What the testbench has counted and seen of a run."""
     def counters(what: str) -> dict[str, int]:
         return {name: int(getattr(dut, f"{name}_{what}").value) for name in ports}
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from golden.msv2_ref.pipeline import Frame
 from spec.config import AcceleratorConfig
-from spec.records import INDEX_BITS, chunk_item, frame_lists
+from spec.records import INDEX_BITS, Field, chunk_item, frame_lists, intersection
 
 ORDERS = ("random", "ties", "sorted", "reversed", "equal", "zigzag")
 """The orders in which the intersections of a chunk may arrive."""
@@ -46,6 +46,34 @@ def random_chunk(config: AcceleratorConfig, rng: np.random.Generator, count: int
 def random_chunks(config: AcceleratorConfig, rng: np.random.Generator, lengths: Iterable[int]) -> list[np.ndarray]:
     """Chunks of these lengths in random orders."""
     return [random_chunk(config, rng, length, str(rng.choice(ORDERS))) for length in lengths]
+
+
+def bit_chunks(config: AcceleratorConfig, run: int) -> list[np.ndarray]:
+    """Chunks for the stage that merges runs of so many intersections. Its heads differ first at each bit of the record in turn,
+    and at all bits below it the other way round, so that every bit decides once; each of the two comes first."""
+    fields = intersection(config).fields
+    width = sum(field.width for field in fields)
+    above, below = [1 << bit for bit in range(width)], [(1 << bit) - 1 for bit in range(width)]
+    chunks, rows = [], 2 * max(config.sort_chunk // (2 * run), 1)
+    for inverse in (0, (1 << width) - 1):
+        for pair in ((above, below), (below, above)):
+            parts = []
+            for start in range(0, width, run):
+                for side in pair:
+                    part = sorted(value ^ inverse for value in side[start : start + run])
+                    parts.append(part + part[-1:] * (run - len(part)))
+            chunks += [_split(fields, [word for part in parts[start : start + rows] for word in part])
+                       for start in range(0, len(parts), rows)]
+    return chunks
+
+
+def _split(fields: Sequence[Field], words: list[int]) -> np.ndarray:
+    """(N, 3) tile, depth key and index of records as numbers."""
+    values, offset = {}, 0
+    for field in fields:
+        values[field.name] = [word >> offset & (1 << field.width) - 1 for word in words]
+        offset += field.width
+    return np.array([values[name] for name in ("tile", "depth_key", "index")], np.int64).T
 
 
 def group_chunks(frame: Frame, capacity: int) -> list[np.ndarray]:

@@ -12,10 +12,10 @@ from spec.config import PAPER, PAPER_SMALL, TINY, AcceleratorConfig
 from spec.records import chunk_item
 from tb.common import exact
 from tb.common.emission import emitted
-from tb.common.exact import Outcome, Planned, every_pattern, planned, rate
+from tb.common.exact import Outcome, Planned, backpressure, every_pattern, planned, rate
 from tb.common.playback import Playback, Stream
 from tb.common.scenes import traced_frames, traced_size
-from tb.sort_tmu.chunk_stimuli import ORDERS, group_chunks, items_of, random_chunk, random_chunks
+from tb.sort_tmu.chunk_stimuli import ORDERS, bit_chunks, group_chunks, items_of, random_chunk, random_chunks
 
 VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "paper_small": PAPER_SMALL, "paper": PAPER}
 """Configurations that can be tested."""
@@ -48,7 +48,8 @@ def plan_of(config: AcceleratorConfig, name: str, chunks: Iterable[np.ndarray], 
 
 
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Lengths around powers of two in every order, patterns of pauses, runs cut off by resets, and runs back to back."""
+    """Lengths around powers of two in every order, heads that differ at each bit, patterns of pauses, runs cut off by resets,
+    runs back to back, and chunks after which nothing follows."""
     rng, top = np.random.default_rng(seed), config.sort_chunk
     near = sorted({(1 << k) + d for k in range(top.bit_length()) for d in (-1, 0, 1)} - {top + 1})
     plan = []
@@ -61,12 +62,33 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     streams = random_chunks(config, rng, [*rng.integers(0, min(top, 300), 20), 0, 1, 2, 3])
     for name, patterns in every_pattern(PORTS, seed).items():
         plan.append(plan_of(config, name, streams, patterns=patterns, reset=False))
+    short = random_chunks(config, rng, rng.integers(0, min(top, 60), 20 + 5 * top // 30))
+    for name, patterns in backpressure(PORTS[:1], PORTS[1:], seed).items():
+        plan.append(plan_of(config, name, short, patterns=patterns, reset=False))
     for cycles in (3, top // 2, 2 * top, 3 * top):
         plan.append(plan_of(config, f"cut off after {cycles} cycles", random_chunks(config, rng, [top] * 4), abort=cycles))
         plan.append(plan_of(config, f"chunks after a reset at {cycles}", streams))
     for k in range(3):
         chunks = random_chunks(config, rng, rng.integers(0, top // 4, 8))
         plan.append(plan_of(config, f"back to back {k}", chunks, reset=False, quiet=0))
+    for stage in range(top.bit_length() - 1):
+        chunks = bit_chunks(config, 1 << stage)
+        plan.append(plan_of(config, f"heads of stage {stage} differ at each bit", chunks, quiet=20))
+    return [*plan, *lone_plan(config, rng)]
+
+
+def lone_plan(config: AcceleratorConfig, rng: np.random.Generator) -> list[Planned]:
+    """A chunk that nothing follows, so that no stage learns from the next one that a run is alone: one to three whole runs of a
+    stage with and without one more intersection, and the longest chunk in every order."""
+    top, plan = config.sort_chunk, []
+    lengths = sorted({count * run + more for run in (1 << k for k in range(top.bit_length() - 1))
+                      for count in (1, 2, 3) for more in (0, 1) if count * run + more <= top})
+    for number, length in enumerate(lengths):
+        chunk = random_chunk(config, rng, length, ("random", "sorted", "reversed")[number % 3])
+        plan.append(plan_of(config, f"{length} intersections alone", [chunk], reset=False, quiet=20))
+    for order in ORDERS:
+        chunk = random_chunk(config, rng, top, order)
+        plan.append(plan_of(config, f"a full chunk alone, {order}", [chunk], reset=False, quiet=20))
     return plan
 
 

@@ -17,7 +17,7 @@ from tb.common.exact import Outcome, Planned, every_pattern, planned, rate
 from tb.common.memory import NO_BAD_BEAT, with_memory
 from tb.common.playback import Playback, Stream
 from tb.common.scenes import traced_frames, traced_size
-from tb.sort_tmu.chunk_stimuli import ORDERS, items_of, random_chunk, random_chunks, whole_groups
+from tb.sort_tmu.chunk_stimuli import ORDERS, bit_chunks, items_of, random_chunk, random_chunks, whole_groups
 
 SMALL = TINY.with_(name="small", row_width=64, sort_buffer_bytes=256, merge_ways=2)
 """Chunks of 16 intersections and two ways of merging, which need many rounds of merging in few cycles."""
@@ -126,7 +126,7 @@ def lengths_around(config: AcceleratorConfig) -> list[int]:
 
 
 def directed_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Lengths, orders and mixes of groups, with a memory that is fast and does not pause."""
+    """Lengths, orders and mixes of groups, and heads that differ at each bit, with a memory that is fast and does not pause."""
     rng, top, ways = np.random.default_rng(seed), config.sort_chunk, config.merge_ways
     around = lengths_around(config)
     plan = [plan_of(config, "lengths about the capacity and its multiples", [
@@ -143,6 +143,8 @@ def directed_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     for name, lengths in mixes.items():
         groups = [random_chunk(config, rng, int(n), "random", 1) for n in lengths]
         plan.append(plan_of(config, name, groups, early=len(plan) % 2))
+    for run in (1 << k for k in range(top.bit_length())):  # the last one merges runs from memory
+        plan.append(plan_of(config, f"heads of runs of {run} differ at each bit", bit_chunks(config, run)))
     return plan
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.tile_merge import auto_beta, count_tiles, tile_groups
 from spec.config import AcceleratorConfig
-from spec.records import intersection_tile
+from spec.records import COUNT_BITS, intersection_tile
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,7 @@ def corner_cases(widest: int) -> list[Case]:
         Case("no entries, then some, then none", 4, 3, (none, turns, none), None),
         Case("one tile", 1, 1, (np.zeros(700, np.int64),) * 2, None),
         Case("one tile of many", widest, 2, (np.full(5000, widest + 1),), 300),
+        Case("counts of 17 bits", 2, 1, (np.full(70_000, 1), counted((3, 1))), 1 << 16),
         Case("tiles in turn", 3, 1, (turns, turns[:-1], np.sort(turns)), 500),
         Case("two tiles in turn", 2, 1, (turns % 2, np.repeat(turns % 2, 2)), 1),
         *(Case(f"beta {beta}", 7, 5, (mixed,), beta) for beta in (0, 1, 2, 1000, (1 << 24) - 1)),
@@ -94,6 +96,45 @@ def corner_cases(widest: int) -> list[Case]:
         Case("tiles outside the last frame", 4, 3, (turns, np.concatenate([[12, 15, 12], turns])), 50),
         Case("largest frame", widest, widest, (random_tiles(rng, widest * widest, 3 * widest * widest),), None),
     ]
+
+
+def counted(counts: Iterable[int]) -> np.ndarray:
+    """The tiles of a frame with these counts, each tile's intersections in a row."""
+    return np.repeat(np.arange(len(counts)), counts)
+
+
+def threshold_cases(rng: np.random.Generator) -> list[Case]:
+    """Groups whose totals are one below a threshold, equal to it and one above it, for every bit of the threshold. Above the
+    tenth bit totals cannot be reached, so the groups begin with an empty tile or a single intersection instead."""
+    cases = []
+    for bit in range(COUNT_BITS):
+        power = 1 << bit
+        if bit < 11:
+            frames = [(power - 1, 0, 1, power), (power, 1, 0, 0), (1, power - 1, 1, 1), (power + 1, 1, power, 0)]
+            cases.append(Case(f"counts about {power}", 4, 1, tuple(map(counted, frames)), power))
+        if power > 1:
+            frames = [(0, 2, 1, 3), (0, 0, power % 7 + 1, 1), (1, 0, 3, 0)]
+            cases.append(Case(f"threshold {power + 1}", 4, 1, tuple(map(counted, frames)), power + 1))
+    for number in range(12):
+        frames = tuple(counted(rng.integers(0, 9, 24) * (rng.random(24) < 0.7)) for _ in range(4))
+        cases.append(Case(f"small thresholds {number}", 8, 3, frames, int(rng.integers(1, 40))))
+    return cases
+
+
+def average_cases(widest: int) -> list[Case]:
+    """Frames whose automatic thresholds have every bit set and not set: totals divided by 1 to 15 filled tiles, with every
+    remainder, ties to even among them, and quotients about every power of two; and ties of as many tiles as there are."""
+    frames: list[tuple[int, ...]] = []
+    for filled in (1, 2, 3, 4, 5, 7, 8, 15):
+        about = {filled << bit for bit in range(8)}
+        totals = {filled + rest for rest in range(filled)} | {total + more for total in about for more in (-1, 0, 1)}
+        for total in sorted(total for total in totals if total >= filled):
+            counts = [total // filled + (tile < total % filled) for tile in range(filled)]
+            frames.append((*counts, *[0] * (15 - filled)))
+    ties = []
+    for filled in (1 << bit for bit in range(4, (widest * widest).bit_length())):  # twice the total has half of it as its rest
+        ties += [np.arange(filled + quarter * filled // 4) % filled for quarter in (1, 3)]
+    return [Case("averages", 15, 1, tuple(map(counted, frames))), Case("ties", widest, widest, tuple(ties))]
 
 
 def case_of(frame: Frame, name: str, beta: int | None = None) -> Case:

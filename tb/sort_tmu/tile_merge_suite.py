@@ -11,10 +11,10 @@ from spec.config import PAPER, PAPER_SMALL, TINY, TINY_V3, V3, AcceleratorConfig
 from spec.records import COUNT_BITS, frame_lists, intersection_tile, tile_group
 from tb.common import exact
 from tb.common.emission import emitted
-from tb.common.exact import Outcome, Planned, every_pattern, planned
+from tb.common.exact import Outcome, Planned, backpressure, every_pattern, planned
 from tb.common.playback import Playback, Stream
 from tb.common.scenes import traced_frames, traced_size
-from tb.sort_tmu.tile_merge_stimuli import Case, case_of, corner_cases, random_case
+from tb.sort_tmu.tile_merge_stimuli import Case, average_cases, case_of, corner_cases, random_case, threshold_cases
 
 VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny": TINY, "paper_small": PAPER_SMALL, "paper": PAPER, "tiny_v3": TINY_V3, "v3": V3}
@@ -60,13 +60,17 @@ def _cycles(case: Case) -> int:
 
 
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """Cases by hand and at random, every pattern on every port, runs cut off by resets, and runs back to back at full rate."""
+    """Cases by hand and at random, every bit of the threshold, every pattern on every port, runs cut off by resets, and runs
+    back to back at full rate."""
     rng, widest = np.random.default_rng(seed), _widest(config)
     plan = [plan_of(config, case) for case in corner_cases(widest)]
+    plan += [plan_of(config, case, reset=False, quiet=20, most_cycles=_cycles(case))
+             for case in (*threshold_cases(rng), *average_cases(widest))]
     for k in range(6):
         plan.append(plan_of(config, random_case(rng, f"random {k}", min(20, widest), 1500)))
     case = random_case(rng, "streams", 8, 300)
-    for name, patterns in every_pattern(PORTS, seed).items():
+    paused = {**every_pattern(PORTS, seed), **backpressure(PORTS[:1], PORTS[1:], seed)}
+    for name, patterns in paused.items():
         plan.append(plan_of(config, case, name, patterns=patterns, reset=False))
     clear = frame_lists(config)
     for cycles in (3, clear - 1, clear + 40, clear + 700, clear + 1000):

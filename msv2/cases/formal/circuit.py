@@ -31,17 +31,7 @@ KEPT = "formal_kept"
 
 TOP = "proof"
 
-PASSES = f"""
-hierarchy -top {TOP}
-proc
-flatten
-opt_clean
-setattr -unset init w:* w:* a:{KEPT} %i %d
-opt_clean
-memory_dff
-memory_collect
-memory_map
-opt_clean
+TO_GATES = """
 async2sync
 dffunmap
 opt_clean
@@ -53,8 +43,22 @@ dfflegalize -cell $_DFF_P_ 01
 aigmap
 opt_clean
 """
-"""From RTLIL to AND gates, inverters and D flip-flops. `setundef` gives constants to wires that nothing drives, such as the
+"""From cells to AND gates, inverters and D flip-flops. `setundef` gives constants to wires that nothing drives, such as the
 parts of a payload that a component does not use."""
+
+PASSES = f"""
+hierarchy -top {TOP}
+proc
+flatten
+opt_clean
+setattr -unset init w:* w:* a:{KEPT} %i %d
+opt_clean
+memory_dff
+memory_collect
+memory_map
+opt_clean
+{TO_GATES}"""
+"""From RTLIL to gates, memories included."""
 
 SECONDS = 300
 """Limit of Yosys' time."""

@@ -70,6 +70,8 @@ def test_patterns_are_as_they_say(pattern):
         assert not pauses.any()
     elif pattern is Pattern.ALWAYS:
         assert pauses.mean() == pytest.approx(0.5, abs=1e-3) and runs.max() == 1
+    elif pattern is Pattern.TIDAL:
+        assert 0.6 < pauses.mean() < 0.7 and runs.max() == PERIOD // 3
     else:
         assert (pauses != pattern.pauses(4)).any()
         assert runs.max() >= (90 if pattern is Pattern.BURSTY else 5)

@@ -47,7 +47,7 @@ RUNS = {
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory):
-    played = play(faulty_playback(), list(RUNS.values()), tmp_path_factory.mktemp("playback"), watchdog=1000)
+    played = play(faulty_playback(), list(RUNS.values()), tmp_path_factory.mktemp("playback"), watchdog=2000)
     return dict(zip(RUNS, played, strict=True))
 
 

@@ -54,11 +54,12 @@ def master(bench: Bench) -> None:
         keeps(bench, channel.upper(), getattr(unit, f"m_axi_{channel}valid"), getattr(unit, f"m_axi_{channel}ready"),
               Cat(getattr(unit, f"m_axi_{channel}{name}") for name in payload))
     arrived, client = bench.before(answered), bench.before(unit.m_axi_rid)
-    owed_reads = [bench.count(end.moves, arrived & (client == n), IN_FLIGHT) for n, end in enumerate(reads)]
-    owed_writes = [bench.count(end.moves, completed & (unit.m_axi_bid == n), IN_FLIGHT) for n, end in enumerate(writes)]
-    bench.never(f"at most {IN_FLIGHT} reads in flight", sum(owed_reads) > IN_FLIGHT, when=sum(owed_reads) == IN_FLIGHT)
+    reads_open, writes_open = IN_FLIGHT + CLIENTS, IN_FLIGHT + 2  # with what waits in the clients' registers
+    owed_reads = [bench.count(end.moves, arrived & (client == n), reads_open) for n, end in enumerate(reads)]
+    owed_writes = [bench.count(end.moves, completed & (unit.m_axi_bid == n), writes_open) for n, end in enumerate(writes)]
+    bench.never(f"at most {reads_open} reads in flight", sum(owed_reads) > reads_open, when=sum(owed_reads) == reads_open)
     for n, owed in enumerate(owed_writes):
-        bench.never(f"at most {IN_FLIGHT} writes of client {n} in flight", owed > IN_FLIGHT, when=owed == IN_FLIGHT)
+        bench.never(f"at most {writes_open} writes of client {n} in flight", owed > writes_open, when=owed == writes_open)
         bench.never(f"writes of client {n} idle only if none is in flight", owed != 0,
                     when=unit.writes_idle[n] & bench.seen(writes[n].moves))
     nothing = ~Cat(owed != 0 for owed in (*owed_reads, *owed_writes)).any()

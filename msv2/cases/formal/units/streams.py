@@ -10,7 +10,7 @@ from msv2.cases.formal.contract import accepts, conserves, general, level, passe
 from msv2.cases.formal.proof import SMALL, Proof
 from rtl.axi.read_port import ReadQueue
 from rtl.cache_tags import CacheTags
-from rtl.stream import Broadcast, Buffer, Fork
+from rtl.stream import Broadcast, Buffer, Fork, Skid
 from rtl.supertiles.header_cache import CacheLines
 
 
@@ -18,6 +18,17 @@ def buffer(bench: Bench) -> None:
     """Two places, none of which makes an item wait."""
     passes(bench, "sink", "source")
     inside = level(bench, "sink", "source", 2)
+    progresses(bench, inside, 0)
+    accepts(bench, "sink", 1)
+
+
+def skid(bench: Bench) -> None:
+    """One place, which takes an item only where the receiver does not; an item that the receiver takes passes at once."""
+    passes(bench, "sink", "source")
+    inside = level(bench, "sink", "source", 1)
+    sink, source = bench.sinks["sink"], bench.sources["source"]
+    bench.never("nothing waits for a register", ~source.port.valid, when=sink.port.valid)
+    bench.never("ready unless an item is inside", sink.port.ready != (inside == 0), when=sink.port.valid)
     progresses(bench, inside, 0)
     accepts(bench, "sink", 1)
 
@@ -94,6 +105,7 @@ LINES = 4
 
 PROOFS = (
     Proof(Buffer, lambda: Buffer(3), (general, buffer), quick=True),
+    Proof(Skid, lambda: Skid(3), (general, skid), quick=True),
     Proof(Fork, lambda: Fork(2, 2), (general, fork), quick=True),
     Proof(Broadcast, lambda: Broadcast(2, 3), (general, broadcast), quick=True),
     Proof(ReadQueue, lambda: ReadQueue(SMALL, 3), (general, read_queue), "3 places",
