@@ -349,8 +349,8 @@
    fraction bits; exponent 0 is zero */
 #define MSV2_REACH_1 0x1D8u
 
-/* 1: a frame of two eyes; 0: a frame of one eye, which ignores the settings below (only with
-   stereo) (read, write): 1-bit unsigned */
+/* 1: a frame of two eyes, of which the second is warped; 0: no eye is warped (only with stereo)
+   (read, write): 1-bit unsigned */
 #define MSV2_STEREO 0x1DCu
 
 /* 1: the source eye is the right one (only with stereo) (read, write): 1-bit unsigned */
@@ -399,6 +399,10 @@
 /* 1: the target has the source's colours; 0: each eye has its own (only with joint frames) (read,
    write): 1-bit unsigned */
 #define MSV2_SHARED_COLOUR 0x20Cu
+
+/* 1: where the target is warped, its tiles with holes are rendered in a second sweep; 0: the holes
+   stay (`spec.joint_warp`) (only with joint frames with a warped eye) (read, write): 1-bit unsigned */
+#define MSV2_SECOND_SWEEP 0x210u
 
 /* Counters */
 
@@ -616,10 +620,12 @@
 /* chunks that the chunk test skipped (only with chunks) (read) */
 #define MSV2_CHUNKS_SKIPPED 0x518u
 
-/* cycles of the target eye's pass, lower half (only with stereo) (read) */
+/* cycles of the target eye's pass, in joint frames of the second sweep, lower half (only with
+   stereo) (read) */
 #define MSV2_CYCLES_TARGET_LOW 0x51Cu
 
-/* cycles of the target eye's pass, upper half (only with stereo) (read) */
+/* cycles of the target eye's pass, in joint frames of the second sweep, upper half (only with
+   stereo) (read) */
 #define MSV2_CYCLES_TARGET_HIGH 0x520u
 
 /* of these by write client warp (only with stereo) (read) */
@@ -674,6 +680,10 @@
 
 /* of these by read client first (only with overlapped phases) (read) */
 #define MSV2_READ_BEATS_FIRST 0x564u
+
+/* pairs that the second sweep read again, for tiles with holes (only with joint frames with a
+   warped eye) (read) */
+#define MSV2_PAIRS_AGAIN 0x568u
 
 /* Gaussians culled as outside only because their projected mean has a coordinate at its least or
    largest value (read) */

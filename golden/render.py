@@ -111,7 +111,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         if value is not None:
             choice(name, value, accepted)
     both = args.stereo and config.supertiles
-    take_stereo_arguments(args, joint=both)
+    take_stereo_arguments(args, joint=both, warps=config.warps_joint if both else None)
     request = resolve(args)
     work = work_for(joint.arguments_of_an_eye(args) if both else args, request, config)
     with output_folder(args.out, BUILD / "render" / request.model.name) as out:
@@ -120,6 +120,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def _draw_joint(args: argparse.Namespace, request: Request, config: AcceleratorConfig, work: Work, out: Path) -> None:
     """As `_draw`, for two eyes of a machine with super-tiles. The numbers beside "stereo" are those of the source."""
+    work = joint.with_warp_unit(work, config)
     both = joint.render_request(args, request, work.config, work.words, work.foveation)
     frame = both.source
     frame.seconds["quantise"] = work.prepare_s
@@ -131,6 +132,8 @@ def _draw_joint(args: argparse.Namespace, request: Request, config: AcceleratorC
     _finish(args, request, frame, stats, out)
     rtl = "" if config.joint else f"; the RTL of config {config.name!r} renders one eye, that of 'v3_eyes' both"
     print(f"both eyes from {stats['stereo']['pairs']:,} pairs{rtl}")
+    if config.warps_joint:
+        print(", ".join(f"{name} {share:.1%}" for name, share in both.shares.items()))
 
 
 def _draw(args: argparse.Namespace, request: Request, config: AcceleratorConfig, work: Work, out: Path) -> None:

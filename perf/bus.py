@@ -1,9 +1,10 @@
 """The AXI master with its read queues, and the test bench's memory (tb/top/memory.sv), stepped cycle by cycle.
 
-A read that is granted in cycle c is on AR in cycle c + 1 and is in memory at the end of that cycle. If it is answered at the
-end of cycle p, its beat passes R, the master's register and the read queue, and is offered to its client in cycle p + 4. A
-write's answer frees its place in cycle p + 2. Memory serves reads and writes in the order of their arrival. Serving one costs
-credit, of which every cycle brings some: this limits the bandwidth.
+A read that is granted in cycle c is on AR in cycle c + 1 and is in memory at the end of that cycle. A write passes a register
+more: it is in memory a cycle later. If a read is answered at the end of cycle p, its beat passes R, the master's register and
+the read queue, and is offered to its client in cycle p + 4. A write's answer frees its place in cycle p + 2. Memory serves
+reads and writes in the order of their arrival. Serving one costs credit, of which every cycle brings some: this limits the
+bandwidth.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ layout = Layout()
 layout.words("""
     gain cost latency kind credit turn_at last_read last_write
     read_push read_new read_client read_in read_turn read_out
-    write_push write_new write_in write_turn write_out write_comes write_ready""")
+    write_push write_new write_late write_in write_turn write_out write_comes write_ready""")
 for _name in ("credits", "beats_in", "beats_out", "reads", "writes", "written"):
     layout.ring(_name, 8)  # one place for each client
 layout.ring("lowest_bit", 128)  # a table of the position of a number's lowest set bit
@@ -91,8 +92,8 @@ def grant_read(s, t, asking):
 @step
 def grant_write(s, t, asking):
     """The same as `grant_read`, for writes."""
-    s.write_new = 0
-    if asking == 0 or s.write_push - s.write_in + s.write_comes > 1:
+    s.write_late, s.write_new = s.write_new, 0
+    if asking == 0 or s.write_push - s.write_in + s.write_comes > 2:
         return -1
     client = _next(s, s.last_write, asking)
     while s.client_answers[client, s.writes[client] & ANSWERS - 1] > t - _WRITE_FREED:
@@ -189,15 +190,15 @@ def _turn(s, at):
 
 @step
 def compute_answers(s, t):
-    """Computes when the requests are answered that reach memory in the cycle after t. A granted read always does; a write may
-    have to wait longer."""
+    """Computes when the requests are answered that reach memory in the cycle after t. A read that is granted in cycle t always
+    does; a write was granted in the cycle before or earlier."""
     if s.read_new:
         at = s.read_push - 1
         answer = max(_turn(s, t + 1), t + s.latency, s.read_answers[at - 1 & _MASK] + 1)
         s.read_answers[at & _MASK] = answer
         _deliver(s, s.read_client, answer)
     at = s.write_in
-    comes = at != s.write_push and s.write_answers[at - QUEUE & _MASK] <= t
+    comes = at != s.write_push - s.write_new and s.write_answers[at - QUEUE & _MASK] <= t
     s.write_comes = comes
     if comes:
         answer = max(_turn(s, t + 1), t + s.latency, s.write_answers[at - 1 & _MASK] + 1)
@@ -214,7 +215,7 @@ def step_memory(s, t):
         s.read_due[at & _MASK] = t + s.latency - 1
         s.read_in = at + 1
     at = s.write_in
-    if at != s.write_push - s.write_new and s.write_ready:
+    if at != s.write_push - s.write_new - s.write_late and s.write_ready:
         s.write_due[at & _MASK] = t + s.latency - 1
         s.write_in = at + 1
     cost = s.cost

@@ -49,6 +49,10 @@ SETUP_LATENCY = 15
 """LATENCY of `rtl.vrc_array.setup`: the registers of the setup unit's pipeline and its output buffer."""
 
 
+HELD = 1
+"""Items that a register at the end of a path keeps while the unit behind it waits (`rtl.stream.Skid`): splats of the projection
+unit, and places of the colour unit."""
+
 CHUNK_TEST = 78
 """The length of the schedule of the chunk test (`rtl.chunks.chunk_test`)."""
 

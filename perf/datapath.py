@@ -3,7 +3,10 @@ number of cycles, and then waits for the output register (rtl/culling/datapath.p
 
 from __future__ import annotations
 
+import numpy as np
+
 from perf import memory
+from perf.constants import HELD, Culling
 from perf.kernel import step
 from perf.layout import Layout
 
@@ -32,6 +35,14 @@ add_paths(layout)
 def set_path(s, p, length, interval, rows):
     """Initialises datapath number `p`, which is empty."""
     s.path_length[p], s.path_interval[p], s.path_free[p] = length, interval, rows
+
+
+def set_culling(s: np.record, paths: Culling) -> None:
+    """Initialises the datapaths of a machine, which are empty. A splat that is held behind projection needs no row of its
+    output queue."""
+    for place, path, held in ((NEAR, paths.near, 0), (PROJECTION, paths.projection, HELD), (ELLIPSE, paths.ellipse, 0),
+                              (HARMONICS, paths.colour, 0)):
+        set_path(s, place, path.length, path.interval, path.rows + held)
 
 
 @step

@@ -271,7 +271,7 @@ def end_cycle(s, t):
         _arrive(s, now, 0, s.read_address[at & 511], client, s.dram_numbers[0, client])
         s.dram_numbers[0, client] += 1
         s.read_in = at + 1
-    at, came = s.write_in, s.write_push - s.write_new
+    at, came = s.write_in, s.write_push - s.write_new - s.write_late
     if at != came and s.write_ready:
         client = s.write_id[at & 511]
         _arrive(s, now, 1, s.write_address[at & 511], client, s.dram_numbers[1, client])

@@ -25,7 +25,7 @@ layout.counters("projection", "tile_test", "entry_write")
 
 layout.words("""
     points asked near_point passed visible_at splat_left step walking walked cut cut_left run_full kept kept_room run clipped
-    expanding rest has_entry survivors survivor_end""")
+    expanding rest has_entry survivors survivor_end writer_held""")
 layout.words("""
     writer_first writer_slot writer_pipe writer_linked writer_out writer_buffer writer_sent writer_end writer_ended""")
 
@@ -213,13 +213,15 @@ def geometry_phase(
             s.writer_ended = 2
         colour.finish_colour(s)
         colour.step_colour(s, t, reader == COLOUR, writer == W_VIEWS, colour_step, views, view_of, colour_of)
-        writing = s.writer_slot | s.writer_first | s.writer_pipe | s.writer_buffer
+        writing = s.writer_slot | s.writer_first | s.writer_held | s.writer_pipe | s.writer_buffer
         if (writing | s.expanding | s.clipped | s.path_full[ELLIPSE]) != 0:
             advance = _write_entries(s, t, writer == W_ENTRIES, begins, entry_writes)
-            given = _expand(s, t, run_entries, run_closes, survivors, advance and s.writer_end == 0)
+            held = s.writer_held
+            given = _expand(s, t, run_entries, run_closes, survivors, held == 0 and s.writer_end == 0)
+            s.writer_end |= given == 2
+            s.writer_held = held | given
             if advance:
-                s.writer_slot, s.writer_first = s.writer_first, given
-                s.writer_end |= given == 2
+                s.writer_slot, s.writer_first, s.writer_held = s.writer_first, s.writer_held, 0
         fetch(s, ELLIPSE, t)
         _walk(s, t, step_runs, splat_steps)
         _project(s, t, point_class, passed_class, splat_steps, chunk_points)

@@ -199,9 +199,7 @@ def _geometry(
     """Simulates the geometry phase. Returns it with the cycle in which its last intersection was in memory."""
     s = memory.begin(geometry.layout)
     paths, beats = constants.culling(config), colour_beats(config, trace.sh_degree)
-    for place, path in ((datapath.NEAR, paths.near), (datapath.PROJECTION, paths.projection),
-                        (datapath.ELLIPSE, paths.ellipse), (datapath.HARMONICS, paths.colour)):
-        datapath.set_path(s, place, path.length, path.interval, path.rows)
+    datapath.set_culling(s, paths)
     s.points, s.kept_room = trace.points, paths.ellipse.rows + TILE_TEST_BESIDE
     chunk_arrays = chunk_units.prepare(s, eye.chunk_count, eye.chunk_read, config, paths)
     classes = eye.point_class[eye.point_class != geometry.UNREAD]
@@ -232,17 +230,16 @@ def _set_array(s: np.record, trace: FrameTrace, config: AcceleratorConfig, displ
     s.pixel_words = (DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES) // 4
 
 
-def _set_warp(s: np.record, trace: FrameTrace, config: AcceleratorConfig, where: MemoryMap) -> None:
-    """Sets the warp unit's sizes and latencies (rtl.warp_unit)."""
+def set_warp(s: np.record, config: AcceleratorConfig, rows: int, source_right: bool) -> None:
+    """Sets the sizes and latencies of a warp unit (rtl.warp_unit) for a frame of so many rows of tiles."""
     groups = TILE // config.warp_lanes
     waiting = max(2, groups - groups // config.warp_lanes + 1)
-    s.warp_present, s.warp_lanes, s.warp_to_take = 1, config.warp_lanes, trace.tiles_y
+    s.warp_present, s.warp_lanes, s.warp_to_take = 1, config.warp_lanes, rows
     s.warp_depth = max(2, groups * TILE // config.cores_x)
-    s.warp_to_scan, s.warp_right = trace.tiles_y, trace.source_right
+    s.warp_to_scan, s.warp_right = rows, source_right
     s.warp_ring, s.warp_reach = config.warp_columns // TILE, -(-reach(config) // TILE)
     s.warp_settle_cycles = disparity(config).width + constants.DISPARITY_STAGES
     s.warp_queue_depth = min(groups, 1 << (waiting - 1).bit_length())
-    s.warp_target_base = where.target_frame
 
 
 def _render(
@@ -266,7 +263,8 @@ def _render(
     s.way_room[: config.merge_ways] = 32
     _set_array(s, trace, config, display)
     if len(trace.eyes) > 1 and number == 0:
-        _set_warp(s, trace, config, where)
+        set_warp(s, config, trace.tiles_y, trace.source_right)
+        s.warp_target_base = where.target_frame
     times = np.full((8, len(plan.filled) + 1), -1, np.int64)
     tile_times = np.full((2, len(plan.drawn) + 1), -1, np.int64)
     cycles = render.render_phase(

@@ -17,6 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from golden.host.run_options import LPDDR3
+from golden.msv2_ref.buckets import Bounds
 from perf import bus, chunk_units, memory, supertiles, supertiles_bin, supertiles_render
 from perf.bus import CHUNKS, GEOMETRY, READER_NAMES, VIEWS, W_ENTRIES
 from perf.datapath import ELLIPSE, NEAR, PROJECTION
@@ -151,7 +152,7 @@ def overlap_phase(b, s, streams, first, second, limit):
 
 def simulate_overlap(
     trace: SuperTrace, config: AcceleratorConfig, *, memory: MemoryModel | None = None, display: bool = False,
-    packed: bool = False, shared_colour: bool = False,
+    packed: bool = False, shared_colour: bool = False, bounds: Bounds | None = None,
 ) -> OverlapCycles:
     """Simulates one of many frames in a row of a camera that stands still: the second phase of one beside the first of the
     next.
@@ -159,6 +160,7 @@ def simulate_overlap(
     Args:
         trace, config, display, packed, shared_colour: as in `perf.supertiles.simulate_supertiles`.
         memory: the memory; None for four channels of LPDDR3-1600.
+        bounds: the bounds of both frames; None for those that such frames leave for each other.
 
     Raises:
         ValueError: the machine has no super-tiles, or cannot render the frame (`perf.supertiles.check_trace`).
@@ -166,7 +168,7 @@ def simulate_overlap(
     check_supertiles(config)
     model = memory or MemoryModel(LPDDR3)
     supertiles.check_trace(trace, config, packed)
-    plan = super_plan(trace, config, steady_bounds(trace, config), None, display, packed)
+    plan = super_plan(trace, config, steady_bounds(trace, config) if bounds is None else bounds, None, display, packed)
     s = LastingMemory(model).begin(supertiles_render.layout, SUPERTILE_READ_DEPTHS)
     s.credits[GEOMETRY] = s.credits[BIN_CHUNKS] = _UNLIMITED
     pixels = supertiles.PACKED if packed else int(display)

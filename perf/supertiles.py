@@ -10,19 +10,30 @@ import numpy as np
 from golden.host.run_options import LPDDR3
 from golden.kernels import work_clock
 from golden.msv2_ref.buckets import Bounds
-from perf import bus, chunk_units, chunks, constants, datapath, geometry, supertiles_bin, supertiles_render
-from perf.model import FrameCycles, MemoryModel, Stage
+from perf import (
+    bus,
+    chunk_units,
+    chunks,
+    constants,
+    datapath,
+    geometry,
+    supertiles_bin,
+    supertiles_gather,
+    supertiles_render,
+)
+from perf.model import FrameCycles, MemoryModel, Stage, set_warp
 from perf.phases import LIMIT, LastingMemory, counts_of, dram_commands, finished, table_cycles
 from perf.supertiles_gather import SUPERTILE_BEATS
 from perf.supertiles_plan import SuperPlan, steady_bounds, super_plan
 from perf.supertiles_trace import SuperTrace
+from perf.warp_trace import WarpedTrace, strip_fills
 from spec.config import AcceleratorConfig
-from spec.constants import ENTRY_BYTES
+from spec.constants import ENTRY_BYTES, TILE
 from spec.memory import BEAT_BYTES, BEAT_ENTRIES, DISPLAY_PIXEL_BYTES, PIXEL_BYTES, colour_beats
 from spec.packed import BLOCKS, table_beat
 from spec.queues import LIST_POINTERS, OUTPUT_DRAINS, SUPERTILE_READ_DEPTHS, TILE_TEST_BESIDE
 from spec.records import COUNT_BITS, frame_lists, frame_supertiles
-from spec.registers import WRITE_CLIENTS, read_clients, stages, write_clients
+from spec.registers import STEREO_WRITE_CLIENTS, WRITE_CLIENTS, read_clients, stages, write_clients
 from spec.supertiles import check_supertiles, frame_rows
 
 READ_AHEAD = 2
@@ -38,7 +49,7 @@ _TMU_LATENCY = 9  # cycles from the frame's last pair to the first group (rtl.so
 
 BIN_STAGES = ("geometry", "projection", "tile_test", "entry_write")
 RENDER_STAGES = (
-    "list_read", "sort", "handover", "fetch", "projection", "tile_test", "colour", "batch", "array", "pixel_write")
+    "list_read", "sort", "handover", "fetch", "projection", "tile_test", "colour", "batch", "array", "pixel_write", "warp")
 
 
 @dataclass(frozen=True)
@@ -47,12 +58,15 @@ class SuperCycles(FrameCycles):
 
     Attributes:
         pairs, batches, visits: counted events.
+        again: the pairs that the second sweep of a frame with a warped target reads. sweep_cycles: its cycles.
         lists: the number of lists. overflow: the pairs in lists that the sorter cannot hold at once.
     """
 
     pairs: int = 0
     batches: int = 0
     visits: int = 0
+    again: int = 0
+    sweep_cycles: int = 0
     lists: int = 0
     overflow: int = 0
 
@@ -74,14 +88,14 @@ class _Pass:
 
 
 def simulate_supertiles(
-    trace: SuperTrace, config: AcceleratorConfig, *, memory: MemoryModel | LastingMemory | None = None, merge: bool = True,
-    pipeline: bool | None = None, beta: int | None = None, display: bool = False, packed: bool = False,
+    trace: SuperTrace | WarpedTrace, config: AcceleratorConfig, *, memory: MemoryModel | LastingMemory | None = None,
+    merge: bool = True, pipeline: bool | None = None, beta: int | None = None, display: bool = False, packed: bool = False,
     bounds: Bounds | None = None, shared_colour: bool = False,
 ) -> SuperCycles:
     """Simulates a frame.
 
     Args:
-        trace: the trace of the golden frame.
+        trace: the trace of the golden frame, or of a joint frame with a warped target, which has display pixels.
         config: the machine's configuration.
         memory: the memory; None for four channels of LPDDR3-1600, the paper's. A `LastingMemory` goes on as the frame before
             left it; any other was reset when the frame starts.
@@ -94,16 +108,21 @@ def simulate_supertiles(
         shared_colour: whether the colours of a pair are computed once for both eyes of a joint frame.
 
     Raises:
-        ValueError: the machine has no super-tiles, a lower SH degree than the frame, or packs no frames.
+        ValueError: the machine has no super-tiles, a lower SH degree than the frame, packs no frames, or has no warp unit.
     """
     check_supertiles(config)
+    warped = trace if isinstance(trace, WarpedTrace) else None
+    if warped is not None:
+        trace, display = warped.joint, True
+        if packed or not config.warps_joint:
+            raise ValueError(f"config must be a machine whose joint frames may have a warped eye, not {config.name!r}")
     if not isinstance(memory, LastingMemory):
         memory = LastingMemory(memory or MemoryModel(LPDDR3))
     if pipeline is not None:
         config = config.with_(incremental=pipeline)
     check_trace(trace, config, packed)
     beta, begin = beta if merge else 0, work_clock()
-    plan = super_plan(trace, config, steady_bounds(trace, config) if bounds is None else bounds, beta, display, packed)
+    plan = super_plan(trace, config, steady_bounds(trace, config) if bounds is None else bounds, beta, display, packed, warped)
     clear = clear_cycles(trace, config)
     memory.wait(clear)
     table = table_cycles(memory, trace.eye_tiles, plan.where.tiles, SUPERTILE_READ_DEPTHS)
@@ -112,13 +131,13 @@ def simulate_supertiles(
     binned, counted = _bin(trace, config, memory, plan)
     drawn, events = _render(
         trace, config, memory, PACKED if packed else int(display), shared_colour, plan,
-        max(0, counted - 1 + merge_latency(config, beta) - binned.cycles))
+        max(0, counted - 1 + merge_latency(config, beta) - binned.cycles), warped)
     phases = {"clear": clear, "table": table, "geometry": binned.cycles, "render": drawn.cycles}
     total, both = sum(phases.values()), (binned, drawn)
     reads, writes = sum(p.reads for p in both), sum(p.writes for p in both)
     reads[bus.TILES] += trace.eyes * -(-trace.eye_tiles // 4)
     moved = {"reads": _bytes(reads, bus.READER_NAMES, read_clients(config)),
-             "writes": _bytes(writes, WRITE_CLIENTS, write_clients(config))}
+             "writes": _bytes(writes, WRITE_CLIENTS + STEREO_WRITE_CLIENTS, write_clients(config))}
     found = {}
     for name in stages(config):
         busy, blocked = (int(sum(p.stages[name][i] for p in both if name in p.stages)) for i in range(2))
@@ -126,13 +145,21 @@ def simulate_supertiles(
     at = phases["clear"] + table
     timeline = [("geometry", 0, -1, at, at + binned.cycles), ("render", 0, -1, at + binned.cycles, total)]
     commands = {name: binned.commands[name] + drawn.commands[name] for name in binned.commands}
-    utilisation = {"array": max(trace.entries, events["ops"]) / (config.streams * max(1, drawn.cycles)),
+    entries = trace.entries if warped is None else warped.drawn.entries
+    utilisation = {"array": max(entries, events["ops"]) / (config.streams * max(1, drawn.cycles)),
                    "memory": sum(sum(m.values()) for m in moved.values()) / (memory.model.peak * total)}
     return SuperCycles(
-        total, phases, (dict(phases),), found, **moved, entries=trace.entries, groups=int(plan.sorting.groups[-1]) + 1,
+        total, phases, (dict(phases),), found, **moved, entries=entries, groups=_groups(plan),
         spilled_entries=int(plan.sorting.way_of.size), **events, **commands, utilisation=utilisation, timeline=timeline,
-        seconds=work_clock() - begin, pairs=trace.pairs, batches=len(plan.visits.batch_supertile), lists=len(plan.lists.counts),
+        seconds=work_clock() - begin, pairs=trace.pairs, again=0 if warped is None else int(warped.second.sum()),
+        batches=len(plan.visits.batch_supertile), lists=len(plan.lists.counts),
         overflow=plan.lists.overflow(config.sort_chunk))
+
+
+def _groups(plan: SuperPlan) -> int:
+    """The groups of a frame; in the second sweep over lists, those without pairs are none."""
+    first = len(plan.lists.counts)
+    return int(plan.sorting.groups[first - 1]) + 1 + int((plan.read.counts[first:] > 0).sum())
 
 
 def check_trace(trace: SuperTrace, config: AcceleratorConfig, packed: bool) -> None:
@@ -163,7 +190,7 @@ def _bytes(beats: np.ndarray, names: tuple[str, ...], clients: tuple[str, ...]) 
 
 
 def _results(s: np.record, cycles: int, watched: tuple[str, ...]) -> _Pass:
-    return _Pass(cycles, counts_of(s, watched), s.reads[: bus.READERS].copy(), s.writes[: len(WRITE_CLIENTS)].copy(),
+    return _Pass(cycles, counts_of(s, watched), s.reads[: bus.READERS].copy(), s.writes[: bus.WRITERS].copy(),
                  dram_commands(s))
 
 
@@ -193,9 +220,7 @@ def bin_arguments(s: np.record, trace: SuperTrace, config: AcceleratorConfig, pl
 def _set_paths(s: np.record, config: AcceleratorConfig) -> constants.Culling:
     """Sets the datapaths that both phases share."""
     paths = constants.culling(config)
-    for place, path in ((datapath.NEAR, paths.near), (datapath.PROJECTION, paths.projection),
-                        (datapath.ELLIPSE, paths.ellipse), (datapath.HARMONICS, paths.colour)):
-        datapath.set_path(s, place, path.length, path.interval, path.rows)
+    datapath.set_culling(s, paths)
     s.kept_room = paths.ellipse.rows + TILE_TEST_BESIDE
     return paths
 
@@ -226,31 +251,41 @@ def _set_frame(s: np.record, trace: SuperTrace, config: AcceleratorConfig, pixel
     s.two_eyes, s.super_beats = trace.eyes - 1, trace.eyes * SUPERTILE_BEATS
 
 
-def _gathered(trace: SuperTrace, shared: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _gathered(
+    trace: SuperTrace, shared: bool, eyes: np.ndarray, second: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """`lit`, `places` and `frees` of `perf.supertiles_gather`, each with an item behind the last. Where both eyes share
-    colours, the source's survivor brings the places of both."""
+    colours, the source's survivor brings the places of both. `eyes` and `second` are those of a `WarpedTrace`; a pair without a
+    place has one all the same, which takes none of the batch."""
     places = trace.eye_places.astype(np.int64)
+    last = np.zeros(places.shape, bool)
+    last[:, -1] = True
+    ends = np.where((eyes == 1)[:, None], np.arange(places.shape[1]) == second[:, None] * (places.shape[1] - 1), last)
+    items = np.where((eyes == 1)[:, None], ends, True)
+    empty = places.sum(axis=1, keepdims=True) == 0
+    places = np.where(empty, ends, places)
     if shared:
-        lit, places = np.zeros(places.shape, bool), places.sum(axis=1, keepdims=True) * np.ones_like(places)
-        lit[:, 0] = True
+        firsts = items & (np.cumsum(items, axis=1) == 1)
+        lit, places = firsts, places.sum(axis=1, keepdims=True) * np.ones_like(places)
     else:
         lit = places > 0
     frees = lit & (np.cumsum(lit[:, ::-1], axis=1)[:, ::-1] == 1)
-    return (np.append(lit.reshape(-1), 1).astype(np.uint8), np.append(places[lit], 0),
-            np.append(frees[lit], 1).astype(np.uint8))
+    flags = lit * supertiles_gather.LIT + ~ends * supertiles_gather.WAITS
+    return (np.append(flags[items], 1).astype(np.uint8), np.append(places[lit], 0), np.append(frees[lit], 1).astype(np.uint8))
 
 
 def _render(
     trace: SuperTrace, config: AcceleratorConfig, memory: LastingMemory, pixels: int, shared_colour: bool, plan: SuperPlan,
-    sweep_from: int,
+    sweep_from: int, warped: WarpedTrace | None = None,
 ) -> tuple[_Pass, dict[str, int]]:
     """Simulates the second phase; `pixels` is 0 for whole pixels, 1 for those of displays, or PACKED. Returns it with counted
     events."""
     s = memory.begin(supertiles_render.layout, SUPERTILE_READ_DEPTHS)
     s.path_shift = memory.age
-    streams, *arguments = render_arguments(s, trace, config, pixels, shared_colour, plan, sweep_from)
+    streams, *arguments = render_arguments(s, trace, config, pixels, shared_colour, plan, sweep_from, warped)
     cycles = supertiles_render.render_phase(s, streams, tuple(arguments), LIMIT)
-    return _results(s, memory.end(finished("RENDER", cycles)), RENDER_STAGES), drawn_events(s, streams)
+    events = drawn_events(s, streams) | {"sweep_cycles": cycles - int(s.again_at) if s.again_open else 0}
+    return _results(s, memory.end(finished("RENDER", cycles)), RENDER_STAGES), events
 
 
 def drawn_events(s: np.record, streams: np.recarray) -> dict[str, int]:
@@ -261,12 +296,15 @@ def drawn_events(s: np.record, streams: np.recarray) -> dict[str, int]:
 
 def render_arguments(
     s: np.record, trace: SuperTrace, config: AcceleratorConfig, pixels: int, shared_colour: bool, plan: SuperPlan,
-    sweep_from: int,
+    sweep_from: int, warped: WarpedTrace | None = None,
 ) -> tuple[Any, ...]:
     """Initialises a state of the second phase. Returns the arguments of `render_phase` between the state and the limit, of
     which the first are the states of the streams."""
     line, sorting, lists, visits, where = (
-        config.line_buffer_bytes // ENTRY_BYTES, plan.sorting, plan.lists, plan.visits, plan.where)
+        config.line_buffer_bytes // ENTRY_BYTES, plan.sorting, plan.read, plan.visits, plan.where)
+    shared = trace.eyes > 1 and (shared_colour or not trace.sh_degree)
+    strips, more, eyes, second = _warping(s, trace, config, plan, shared_colour and trace.sh_degree, warped)
+    trace = trace if warped is None else warped.drawn
     s.line_size, s.line_mask = line, (1 << (line - 1).bit_length()) - 1
     s.tile_count, s.sweep_from = len(lists.counts), sweep_from
     s.pointer_room, s.entries_base, s.directory_base = LIST_POINTERS, where.entries, where.directory
@@ -293,9 +331,32 @@ def render_arguments(
         merging, keys, sorting.part_runs, sorting.job_start, sorting.job_length, sorting.job_entries, sorting.job_out,
         sorting.job_waits, sorting.way_of, sorting.job_begin, sorting.job_goal, np.append(plan.missed, 0),
         where.chunks + trace.chunk, where.colour + trace.splat.astype(np.int64) * beats,
-        *_gathered(trace, trace.eyes > 1 and (shared_colour or not trace.sh_degree)),
-        np.append(np.diff(trace.start) * trace.eyes, 0),
+        *_gathered(trace, shared, eyes, second),
+        np.append(np.diff(np.concatenate(([0], np.cumsum(eyes, dtype=np.int64)))[trace.start]), 0),
         visits.batch_supertile, visits.batch_places, visits.batch_visit, visits.visit_tile, visits.visit_final,
         visits.visit_entry, visits.visit_seen, visits.use, visits.slot, stop, blend, visits.drawn,
         trace.blocks, np.full((trace.streams, len(trace.counts)), bus.NEVER, np.int64),
-        np.zeros((trace.streams, len(trace.counts)), np.int64), tile_times)
+        np.zeros((trace.streams, len(trace.counts)), np.int64), tile_times, np.append(eyes, 0),
+        np.append(trace.supertile, 0), strips, *more)
+
+
+def _warping(
+    s: np.record, trace: SuperTrace, config: AcceleratorConfig, plan: SuperPlan, shared: bool, warped: WarpedTrace | None,
+) -> tuple[np.recarray, tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
+    """Sets what concerns a warped target (rtl/supertiles/warp_strips.py). Returns the states of both strips, where they fill
+    holes and write, for how many eyes each pair is projected, and whether a single one is the target. `shared`: the direction
+    of colours is the source's."""
+    strips = np.zeros(2, supertiles_render.strip_layout.dtype).view(np.recarray)
+    s.by_turns, s.again_lists = config.warps_joint, len(plan.lists.counts)
+    if warped is None:
+        pairs = trace.pairs
+        return strips, (np.zeros((1, 1), np.uint8),) * 2, np.full(pairs, trace.eyes, np.uint8), np.zeros(pairs, bool)
+    s.warps, s.warp_base = 1, plan.where.target_frame
+    wide, rows = frame_rows(config), np.minimum(TILE, trace.height - TILE * np.arange(trace.tiles_y))
+    for odd, a in enumerate(strips):
+        height = int(rows[odd::2].sum())
+        a.width, a.height, a.tiles_x, a.cores_x, a.cores_y = trace.width, height, trace.tiles_x, wide.cores_x, wide.cores_y
+        set_warp(a, wide, -(-height // TILE), warped.source_right)
+    eyes = np.where(warped.second, trace.eyes, warped.eyes).astype(np.uint8) if shared else warped.eyes
+    fills = strip_fills(warped.fills, 0), strip_fills(warped.fills, 1)
+    return strips, fills, eyes, warped.second

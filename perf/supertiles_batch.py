@@ -98,19 +98,19 @@ def release(s, streams):
 
 
 @step
-def _row_stream(s, count, cores_y):
-    """The stream whose array gives the next row, or the left part of it."""
-    lower = 2 * s.row_out * s.row_x >= TILE * TILE
+def row_stream(s, row, count, cores_y):
+    """The stream whose array gives a row, by its number in the tile, or the left part of it."""
+    lower = 2 * row * s.row_x >= TILE * TILE
     if count == 1:
         return 0
     if s.row_x > s.array_x:
         return 2 if lower else 0
     across = TILE // s.row_x
-    return 2 * lower + (s.row_out // cores_y % across >= across // 2)
+    return 2 * lower + (row // cores_y % across >= across // 2)
 
 
 @step
-def _row_taken(s, t, granted, offered, cores_y, drawn, sizes):
+def row_taken(s, t, granted, offered, cores_y, drawn, sizes):
     """Steps the pixel writer or the frame packer. Returns whether it takes the row that is offered."""
     if s.packs:
         whole = packing.completes(s, s.row_out, s.row_x, cores_y)
@@ -129,13 +129,22 @@ def _row_taken(s, t, granted, offered, cores_y, drawn, sizes):
 def step_rows(s, streams, t, granted, drawn, sizes, tile_times):
     """Moves a row of pixels, of one array or of two side by side, to the pixel writer or the frame packer."""
     cores_y = streams[0].cores_y
-    q = _row_stream(s, len(streams), cores_y)
+    q = row_stream(s, s.row_out, len(streams), cores_y)
     joined = s.row_x > s.array_x
     offered = blending.rows_offered(streams[q], t) and (not joined or blending.rows_offered(streams[q + 1], t))
-    taken = _row_taken(s, t, granted, offered, cores_y, drawn, sizes)
+    taken = row_taken(s, t, granted, offered, cores_y, drawn, sizes)
     blending.count_rows(s, offered, taken)
     if not taken:
         return
+    place_row(s, t, cores_y, drawn, tile_times)
+    blending.take_row(streams[q])
+    if joined:
+        blending.take_row(streams[q + 1])
+
+
+@step
+def place_row(s, t, cores_y, drawn, tile_times):
+    """Where the row that the pixel writer takes goes in memory, and the number of the next one."""
     at, row = s.tile_out, s.row_out
     tile = drawn[at]
     eye = tile >= s.eye_tiles  # the second eye's tiles follow those of the first
@@ -152,9 +161,6 @@ def step_rows(s, streams, t, granted, drawn, sizes, tile_times):
         row = 0
         s.tile_out = at + 1
     s.row_out = row
-    blending.take_row(streams[q])
-    if joined:
-        blending.take_row(streams[q + 1])
 
 
 @step

@@ -5,12 +5,13 @@ from __future__ import annotations
 
 from perf import blending, bus, sorter
 from perf.bus import CHUNKS, COLOUR, TILES
+from perf.constants import HELD
 from perf.datapath import ELLIPSE, HARMONICS, NEAR, PROJECTION, accepts, add_paths, enter, fetch
 from perf.kernel import step
 from perf.layout import Layout
 from spec.constants import SUPER_TILES
 from spec.memory import BEAT_BYTES, TILE_SETTING_BYTES
-from spec.queues import HEADERS_MISSED, HEADERS_PENDING, RECORD_BEATS, RECORDS_PENDING
+from spec.queues import HEADERS_MISSED, HEADERS_PENDING, RECORD_BEATS, RECORDS_PENDING, SUPERTILES_TURNING
 
 layout = Layout(blending.layout)
 add_paths(layout)
@@ -21,16 +22,20 @@ layout.words("""
     record_requests records_sent joined join_second beats_held points_in points_out""")
 layout.words("""
     supers_owed supers_asked supers_part supers_whole supers_taken super_beats clip_left clipped walked kept kept_room survivors
-    colour_steps sum_left sums_in sums_out place_left place_pair two_eyes eye_points colour_held colour_item pairs_freed""")
+    colour_steps sum_left sums_in sums_out place_left place_pair two_eyes eye_points colour_held colour_item pairs_freed
+    by_turns supers_passed""")
 layout.ring("located_times", _PENDING)
 layout.ring("awaited_times", _PENDING)
 layout.ring("header_address", 8)
 layout.ring("record_address", 8)
 _POINTS = 16
 layout.ring("point_times", _POINTS)
-layout.ring("sum_times", 4)
+layout.ring("sum_times", 8)
 
 SUPERTILE_BEATS = SUPER_TILES * TILE_SETTING_BYTES // BEAT_BYTES
+
+LIT, WAITS = 1, 2
+"""Bits of `lit` in `step_colour`: colours are computed for a survivor; it waits for that of the other eye behind it."""
 
 _TAGS, _LINES, _DECODE, _PLACES = 4, 3, 9, 4
 """Cycles of the tags; of the lines of headers, before a record's address is known; of the lines and the decode unit behind the
@@ -115,16 +120,18 @@ def step_join(s, t, missed):
 def step_supertiles(s, t, granted, pair_counts):
     """Steps SuperTileReader, and SuperTileClip's side that takes super-tiles."""
     whole = s.supers_whole
-    if s.clip_left == 0 and whole:
+    if s.clip_left == 0 and (s.supers_passed != s.supers_taken if s.by_turns else whole):
         s.clip_left = pair_counts[s.supers_taken]
         s.supers_taken += 1
-        whole = 0
+        s.supers_whole &= s.by_turns
+    if s.by_turns and whole and s.supers_passed - s.supers_taken < SUPERTILES_TURNING:
+        s.supers_passed += 1  # into the queues before the clip and before the points of both eyes
+        s.supers_whole = 0
     if whole == 0 and bus.offered(s, TILES, t):
         bus.take(s, TILES)
         s.supers_part += 1
         if s.supers_part == s.super_beats:
-            s.supers_part, whole = 0, 1
-    s.supers_whole = whole
+            s.supers_part, s.supers_whole = 0, 1
     if granted:
         bus.read(s, TILES, s.table_base + s.supers_asked)
         s.supers_asked += 1
@@ -132,8 +139,8 @@ def step_supertiles(s, t, granted, pair_counts):
 
 
 @step
-def step_project(s, t):
-    """Steps projection, clip and tile test, in which a pair is one step for each eye."""
+def step_project(s, t, pair_eyes, pair_supertile):
+    """Steps projection, clip and tile test, in which a pair is one step for each eye; `pair_eyes` says for how many."""
     if s.path_full[ELLIPSE] and s.survivors < 2:
         s.path_full[ELLIPSE] = 0
         s.survivors += 1
@@ -161,9 +168,12 @@ def step_project(s, t):
     if s.eye_points and entered:  # the register in which a point waits for both eyes
         enter(s, NEAR, t)
         s.eye_points -= 1
+    turn = s.by_turns == 0 or (at != s.points_in and pair_supertile[at] < s.supers_passed)
     if at != s.points_in and s.point_times[at & _POINTS - 1] <= t:
-        if s.two_eyes and s.eye_points == 0:
-            s.eye_points, entered = 2, True
+        if not turn:
+            entered = False
+        elif s.two_eyes and s.eye_points == 0:
+            s.eye_points, entered = pair_eyes[at], True
         elif s.two_eyes:
             entered = False
         elif entered:
@@ -179,7 +189,7 @@ def _shade(s, t, shades, frees):
     if shades:
         enter(s, HARMONICS, t)
         return
-    s.sum_times[s.sums_in & 3] = t + _PLACES
+    s.sum_times[s.sums_in & 7] = t + _PLACES
     s.sums_in += 1
     s.beats_held -= frees[s.pairs_freed] * s.record_beats
     s.pairs_freed += 1
@@ -189,8 +199,8 @@ def _shade(s, t, shades, frees):
 def _hold_survivors(s, t, room, shades, lit, frees):
     """Steps the register in which a survivor of the source waits for that of the target."""
     at = s.colour_item
-    if s.colour_held and (at & 1 or s.survivors) and (room or lit[at] == 0):
-        if lit[at]:
+    if s.colour_held and (lit[at] & WAITS == 0 or s.survivors) and (room or lit[at] & LIT == 0):
+        if lit[at] & LIT:
             _shade(s, t, shades, frees)
         s.colour_held, s.colour_item = 0, at + 1
     if s.survivors:
@@ -208,16 +218,16 @@ def step_colour(s, t, taken, lit, places, frees):
     are computed for it; of each of those, `places` is the number of its places, and `frees` says whether it is the last one of
     its pair, whose record is then needed no longer."""
     s.place_left -= taken
-    if s.place_left == 0 and s.sums_out != s.sums_in and s.sum_times[s.sums_out & 3] <= t:
+    if s.place_left == 0 and s.sums_out != s.sums_in and s.sum_times[s.sums_out & 7] <= t:
         s.place_left = places[s.place_pair]
         s.place_pair += 1
         s.sums_out += 1
     if s.sum_left:
         s.sum_left -= 1
         if s.sum_left == 0:
-            s.sum_times[s.sums_in & 3] = t + _PLACES
+            s.sum_times[s.sums_in & 7] = t + _PLACES
             s.sums_in += 1
-    room = s.sum_left == 0 and s.sums_in - s.sums_out < _PLACES
+    room = s.sum_left == 0 and s.sums_in - s.sums_out < _PLACES + HELD
     shades = s.colour_steps != 0
     if shades:
         if room and s.path_full[HARMONICS]:

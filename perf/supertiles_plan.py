@@ -3,7 +3,7 @@ where everything lies in memory."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from golden.msv2_ref.tile_lists import rank_in_tile
 from perf.kernel import kernel
 from perf.plan import SortPlan, sort_plan
 from perf.supertiles_trace import SuperTrace
+from perf.warp_trace import WarpedTrace
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS, SUPER_TILES
 from spec.memory import (
@@ -132,7 +133,8 @@ class VisitPlan:
     stream.
 
     Attributes:
-        batch_supertile: (batches,) the super-tile of each batch. batch_places: (batches,) its places.
+        batch_supertile: (batches,) the super-tile of each batch. batch_places: (batches,) the items that fill it: its places,
+            and the ends of pairs without a place.
         batch_visit: (streams, batches + 1) the first visit of each batch.
         visit_tile: (visits,) the tile. visit_final: (visits,) uint8, whether it is the tile's last visit of the stream.
         visit_entry: (visits + 1,) the first entry of each visit. visit_seen: (visits,) the stream's entries of the tile before
@@ -163,7 +165,12 @@ def visit_plan(trace: SuperTrace, config: AcceleratorConfig) -> VisitPlan:
     tile = np.repeat(np.arange(len(trace.counts)), trace.counts)
     supertile, place = trace.grid
     tile_at = np.full((trace.supertiles, trace.eyes * SUPER_TILES), -1, np.int64)
-    tile_at[supertile, place] = np.arange(len(place))
+    if trace.tile_sweep is None:
+        tile_at[supertile, place] = np.arange(len(place))
+    else:
+        here = np.flatnonzero(trace.tile_sweep >= 0)
+        sweeps = 1 + int(trace.tile_sweep.max())
+        tile_at[supertile[here] + trace.supertiles // sweeps * trace.tile_sweep[here], place[here]] = here
     before = np.cumsum(trace.eye_places, axis=1) - trace.eye_places  # places of a pair before those of each eye
     slot = ahead[trace.pair] + before[trace.pair, tile // trace.eye_tiles]
     of_stream = []
@@ -177,6 +184,7 @@ def visit_plan(trace: SuperTrace, config: AcceleratorConfig) -> VisitPlan:
         np.concatenate(parts) for parts in zip(*(parts[1:] for parts in of_stream), strict=True))
     begins = np.concatenate(([0], np.cumsum([len(parts[0]) for parts in of_stream])))
     first = np.stack([np.searchsorted(parts[0], np.arange(len(places) + 1)) for parts in of_stream]) + begins[:-1, None]
+    places += np.bincount(batch, trace.places == 0, len(batches.supertile)).astype(np.int64)
     return VisitPlan(
         batches.supertile, places, first, visited, final.astype(np.uint8), np.concatenate(([0], np.cumsum(counts))), seen, use,
         slot.astype(np.int32), visited[: begins[1]][final[: begins[1]]])
@@ -225,12 +233,14 @@ class SuperPlan:
     """A frame on a machine.
 
     Attributes:
-        lists, sorting, visits: its lists, how they are sorted, and its visits.
+        lists: its lists. read: those that the second phase reads, the same in frames of one sweep.
+        sorting, visits: how these are sorted, and the frame's visits.
         missed: (pairs,) uint8, in rendering order: whether the chunk's header is not in the cache.
         where: the memory regions.
     """
 
     lists: ListsPlan
+    read: ListsPlan
     sorting: SortPlan
     visits: VisitPlan
     missed: np.ndarray
@@ -244,6 +254,7 @@ def frame_beats(trace: SuperTrace, pixel: int) -> int:
 
 def super_plan(
     trace: SuperTrace, config: AcceleratorConfig, bounds: Bounds, beta: int | None, display: bool, packed: bool = False,
+    warped: WarpedTrace | None = None,
 ) -> SuperPlan:
     """The data that the phases of a frame need.
 
@@ -252,12 +263,18 @@ def super_plan(
         bounds: those that the frame before left.
         beta: the merge threshold; None for the automatic one, 0 if nothing is merged.
         display: whether a pixel takes 4 bytes in memory instead of 16. packed: whether the frame is packed instead.
+        warped: the trace of a frame with a warped target, of which `trace` is the joint one.
     """
     lists = lists_plan(trace, bounds)
     groups = merge_lists(config, lists.counts, beta)
-    sorting = sort_plan(lists.counts, lists.rank, groups, config, int(np.bincount(groups, lists.counts).max(initial=0)))
+    largest = int(np.bincount(groups, lists.counts).max(initial=0))
+    read, drawn = lists, trace
+    if warped is not None:
+        read, groups = swept_lists(lists, groups, warped, bounds)
+        drawn = warped.drawn
+    sorting = sort_plan(read.counts, read.rank, groups, config, largest)
     missed = find_misses(
-        trace.chunk.astype(np.int64), np.zeros(trace.pairs, np.int64), config.header_lines, HEADER_WAYS, False, False)
+        drawn.chunk.astype(np.int64), np.zeros(drawn.pairs, np.int64), config.header_lines, HEADER_WAYS, False, False)
     table = -(-trace.eye_tiles * TILE_SETTING_BYTES // BEAT_BYTES)
     pixels = (packed_beats(trace.width, trace.height) if packed else
               frame_beats(trace, DISPLAY_PIXEL_BYTES if display else PIXEL_BYTES))
@@ -268,4 +285,19 @@ def super_plan(
         "directory": frame_lists(config) * DIRECTORY_BEATS, "entries": lists.beats, "spill": sorting.spill_beats,
         "frame": pixels, **({"target_tiles": table, "target_frame": pixels} if trace.eyes > 1 else {})})
     where = SuperMap(**{name: region.base for name, region in regions.items()})
-    return SuperPlan(lists, sorting, visit_plan(trace, config), missed.astype(np.uint8), where)
+    return SuperPlan(lists, read, sorting, visit_plan(drawn, config), missed.astype(np.uint8), where)
+
+
+def swept_lists(lists: ListsPlan, groups: np.ndarray, warped: WarpedTrace, bounds: Bounds) -> tuple[ListsPlan, np.ndarray]:
+    """The lists that the second phase of a frame with a warped target reads, those of the second sweep behind those of the
+    first, and their groups: in the second sweep each is one of its own."""
+    if warped.drawn.supertiles == warped.joint.supertiles:
+        return lists, groups
+    wanted = warped.lists_again[np.repeat(np.arange(bounds.supertiles), np.diff(bounds.first))]
+    pairs = wanted[lists.number]
+    return replace(
+        lists, number=np.concatenate((lists.number, lists.number[pairs] + bounds.lists)),
+        counts=np.concatenate((lists.counts, lists.counts * wanted)), ends=np.concatenate((lists.ends, lists.ends)),
+        rank=np.concatenate((lists.rank, lists.rank[pairs])),
+        page_start=np.concatenate((lists.page_start[:-1], lists.page_start[:-1], lists.page_start[-1:])),
+    ), np.concatenate((groups, groups[-1] + 1 + np.arange(bounds.lists)))

@@ -6,15 +6,16 @@ Units are stepped from the last to the first, for the reason that `perf.geometry
 
 from __future__ import annotations
 
-from perf import blending, bus, chunks, lists, memory, sorter, supertiles_batch, supertiles_gather
-from perf.bus import CHUNKS, COLOUR, ENTRIES, SPILL, TILES, W_FRAME, W_SPILL
+from perf import blending, bus, chunks, lists, memory, sorter, supertiles_batch, supertiles_gather, supertiles_warp
+from perf.bus import CHUNKS, COLOUR, ENTRIES, SPILL, TILES, W_FRAME, W_SPILL, W_WARP
 from perf.kernel import phase, step
-from perf.supertiles_batch import layout, stream_layout
+from perf.supertiles_batch import stream_layout
+from perf.supertiles_warp import layout, strip_layout
 from spec.queues import LISTS_AHEAD
 
 layout.words("swept_before swept_since")
 
-__all__ = ["asking", "layout", "render_cycle", "render_phase", "stream_layout"]
+__all__ = ["asking", "layout", "render_cycle", "render_phase", "stream_layout", "strip_layout"]
 
 
 @step
@@ -25,12 +26,13 @@ def asking(s, t):
     reads |= (1 << SPILL) * (s.spill_read_full != 0 and s.credits[SPILL] != 0)
     reads |= (1 << CHUNKS) * (s.header_requests != 0 and s.credits[CHUNKS] != 0)
     reads |= (1 << COLOUR) * (s.record_requests != 0 and s.credits[COLOUR] != 0)
-    return reads, (1 << W_FRAME) * (s.sends != 0) | (1 << W_SPILL) * sorter.writer_asks(s, t)
+    writes = (1 << W_FRAME) * (s.sends != 0) | (1 << W_SPILL) * sorter.writer_asks(s, t)
+    return reads, writes | (1 << W_WARP) * (s.strip_full != 0)
 
 
 @step
-def _arrays(s, streams, t, granted, batch_visit, visit_tile, visit_final, visit_entry, visit_seen, use, slot, stop, blend,
-            drawn, sizes, pending, done, tile_times):
+def _arrays(s, streams, strips, t, writer, batch_visit, visit_tile, visit_final, visit_entry, visit_seen, use, slot, stop,
+            blend, drawn, sizes, pending, done, tile_times, fills_0, fills_1):
     """Steps the arrays, the pixel writer, and the sides of the batch buffer that deal."""
     count, some, takes = len(streams), False, False
     for q in range(count):
@@ -38,7 +40,11 @@ def _arrays(s, streams, t, granted, batch_visit, visit_tile, visit_final, visit_
         a.waiting = blending.buffered(a)
         supertiles_batch.load_issue(a, t)
         supertiles_batch.step_issue(s, a, q, t, visit_tile, visit_final, visit_entry, visit_seen, stop, blend, pending, done)
-    supertiles_batch.step_rows(s, streams, t, granted, drawn, sizes, tile_times)
+    if s.warps:
+        supertiles_warp.step_rows(
+            s, streams, strips, t, writer == W_FRAME, writer == W_WARP, drawn, sizes, fills_0, fills_1, tile_times)
+    else:
+        supertiles_batch.step_rows(s, streams, t, writer == W_FRAME, drawn, sizes, tile_times)
     for q in range(count):
         a = streams[q]
         there, taken = supertiles_batch.step_setup(
@@ -59,7 +65,7 @@ def render_cycle(
     chunk_spill, chunk_last, chunk_ends, arrival, stages, keys, part_runs, job_start, job_length, job_entries, job_out,
     job_waits, way_of, job_begin, job_goal, missed, header_beat, record_beat, lit, places, frees, pair_counts,
     batch_supertile, batch_places, batch_visit, visit_tile, visit_final, visit_entry, visit_seen, use, slot, stop, blend,
-    drawn, sizes, done, pending, tile_times,
+    drawn, sizes, done, pending, tile_times, pair_eyes, pair_supertile, strips, fills_0, fills_1,
 ):
     """Steps all units of the phase. `reader` and `writer` are the clients whose read and write were granted. Returns whether
     the phase has ended, in which case nothing was stepped."""
@@ -67,15 +73,15 @@ def render_cycle(
     list_before = s.swept_before - s.list_taken
     waits = swept - s.list_taken - LISTS_AHEAD
     s.swept_before, s.swept_since = s.swept_since, swept  # an item takes two cycles through the queue before the reader
-    if blending.pixels_finished(s, t):
+    if blending.pixels_finished(s, t) and supertiles_warp.strips_finished(s, strips, t):
         return True
     _arrays(
-        s, streams, t, writer == W_FRAME, batch_visit, visit_tile, visit_final, visit_entry, visit_seen, use, slot, stop,
-        blend, drawn, sizes, pending, done, tile_times)
+        s, streams, strips, t, writer, batch_visit, visit_tile, visit_final, visit_entry, visit_seen, use, slot, stop,
+        blend, drawn, sizes, pending, done, tile_times, fills_0, fills_1)
     taken = supertiles_batch.places_taken(s, t)
     supertiles_batch.step_fill(s, streams, t, taken, batch_supertile, batch_places)
     supertiles_gather.step_colour(s, t, taken, lit, places, frees)
-    supertiles_gather.step_project(s, t)
+    supertiles_gather.step_project(s, t, pair_eyes, pair_supertile)
     supertiles_gather.step_supertiles(s, t, reader == TILES, pair_counts)
     supertiles_gather.step_join(s, t, missed)
     supertiles_gather.step_ask(s, t, reader == COLOUR, missed, record_beat)
@@ -93,7 +99,8 @@ def render_cycle(
     elif shown:
         s.blocked_sort += 1
     lists.step_walk(s, t, reader == ENTRIES, list_before, list_counts, list_lasts, page_beat, page_start)
-    lists.step_sweep(s, t, waits, 0)
+    if not supertiles_warp.holds_lists(s, strips, t):
+        lists.step_sweep(s, t, waits, 0)
     if s.swept != swept and list_ends[swept]:
         s.supers_owed += s.super_beats
     return False

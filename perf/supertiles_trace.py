@@ -74,6 +74,8 @@ class SuperTrace:
         shift: the distance of the eyes' grids in tiles.
         places_by_eye: (pairs, eyes) uint8, the levels of each pair in each eye. pair_drops: uint8, of all pairs that the steps
             give, in turn, whether it is dropped because the source has it, too. None in frames of one eye.
+        tile_sweep: (tiles,) int8, for the second phase of frames with a warped target the sweep that renders each tile, or -1;
+            None: all tiles are rendered in one sweep (`perf.warp_trace`).
     """
 
     width: int
@@ -108,6 +110,7 @@ class SuperTrace:
     shift: int = 0
     places_by_eye: np.ndarray | None = None
     pair_drops: np.ndarray | None = None
+    tile_sweep: np.ndarray | None = None
 
     @property
     def tiles_x(self) -> int:

@@ -159,8 +159,8 @@ def _group(s, fills):
         ends = word % WORDS == WORDS - 1 or x == width - 1
         whole = whole or ends
         if y < s.height:
-            holes += fills[y, x]
-            if ends:
+            holes += fills[y, x] & 1
+            if ends and fills[y, x] & 2 == 0:  # nothing is written of a beat of known tiles (perf.warp_trace)
                 beats += 1
                 address = word // WORDS
     return max(1, holes), whole, beats, address

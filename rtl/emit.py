@@ -6,13 +6,34 @@ adds a submodule that is emitted once and instantiated by name. In Amaranth's ow
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 from amaranth._toolchain.yosys import find_yosys
 from amaranth.back import rtlil
 from amaranth.hdl import ClockSignal, Instance, Module, ResetSignal, Value
 from amaranth.lib import wiring
+
+_kept: ContextVar[dict[str, str] | None] = ContextVar("kept", default=None)
+
+
+@contextmanager
+def keeping_sources() -> Iterator[dict[str, str]]:
+    """While it is open, RTLIL names in its attributes `src` the lines of Python that made it. Every text of `to_rtlil` is put
+    into the dictionary, by the name of the top module. Verilog stays as it is, since it has no attributes."""
+    texts: dict[str, str] = {}
+    token = _kept.set(texts)
+    try:
+        yield texts
+    finally:
+        _kept.reset(token)
+
+
+def sources_are_kept() -> bool:
+    """Whether `keeping_sources` is open."""
+    return _kept.get() is not None
 
 
 class Emission:
@@ -33,7 +54,7 @@ class Emission:
             raise ValueError(f"{name} must be one module in an emission, {self._made_by[name]!r}, not {(make, *args)!r}")
         if name not in self.modules:
             component = make(*args)
-            self.modules[name] = rtlil.convert(component, name=name, platform=self, emit_src=False)
+            self.modules[name] = rtlil.convert(component, name=name, platform=self, emit_src=sources_are_kept())
             self._signatures[name] = component.signature
         interface = self._signatures[name].create()
         wires = {
@@ -60,9 +81,12 @@ def add_shared(
 
 def to_rtlil(component: wiring.Component, name: str) -> str:
     """RTLIL of a component, as module `name`, and of the shared modules below it. The text is deterministic."""
-    emission = Emission()
-    top = rtlil.convert(component, name=name, platform=emission, emit_src=False)
-    return "\n".join([*emission.modules.values(), top])
+    emission, kept = Emission(), _kept.get()
+    top = rtlil.convert(component, name=name, platform=emission, emit_src=kept is not None)
+    text = "\n".join([*emission.modules.values(), top])
+    if kept is not None:
+        kept[name] = text
+    return text
 
 
 def to_verilog(component: wiring.Component, name: str) -> str:

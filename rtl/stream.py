@@ -50,6 +50,39 @@ class Buffer(wiring.Component):
         return m
 
 
+class Skid(wiring.Component):
+    """A register that cuts the combinational path of a stream's `ready`, and costs no cycle.
+
+    `sink.ready` comes from a flip-flop; `source` is the sink as long as nothing is held. The register takes the word that the
+    producer transfers in the cycle in which the consumer stops. Throughput: one transfer per cycle. Latency: none. Where
+    `valid` is late as well, a `Buffer` cuts both::
+
+        cycle            0      1      2      3      4
+        sink         <  A  ><  B  ><  C  ><  C  ><  D  >
+        sink.ready   ~~~~~~~~~~~~~~_______~~~~~~~~~~~~~~
+        source       <  A  ><  B  ><  B  ><  C  ><  D  >
+        source.ready ~~~~~~~_______~~~~~~~~~~~~~~~~~~~~~
+
+    Parameters:
+        shape: shape of the payload.
+    """
+
+    def __init__(self, shape: ShapeLike):
+        super().__init__({"sink": In(stream.Signature(shape)), "source": Out(stream.Signature(shape))})
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        sink, source = self.sink, self.source
+        spare, held = Signal.like(sink.payload, reset_less=True), Signal()
+        m.d.comb += [
+            sink.ready.eq(~held), source.valid.eq(sink.valid | held), source.payload.eq(Mux(held, spare, sink.payload))]
+        with m.If(source.ready):
+            m.d.sync += held.eq(0)
+        with m.Elif(sink.valid & ~held):
+            m.d.sync += [spare.eq(sink.payload), held.eq(1)]
+        return m
+
+
 class Fork(wiring.Component):
     """Sends every item to each of several consumers, which take it at their own pace.
 

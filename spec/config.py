@@ -3,10 +3,12 @@
 V3 is our machine: the resources of the paper, a model in spatial order, read in chunks of compact records, and lists by
 super-tile (`spec.supertiles`). It renders one eye. DEFAULT is V3 with fewer front-end units and a narrower row, HEADSET
 V3 with a wider one. V3_PACKED packs its frames (`spec.packed`), V3_STREAMS has four arrays, and V3_EYES renders two eyes from
-one set of lists (`spec.joint`), V3_EYES_STREAMS by four arrays into packed frames. PAPER reproduces the machine of the paper
-(section 7, "Hardware Implementation"), whose lists belong to tiles; it and variants of it warp the second eye. TINY, TINY_V3,
-TINY_STREAMS and TINY_EYES are for fast simulation, FPGA is for an FPGA. PRECISE, BALANCED and FAST are V3 with the word lengths
-and SH degrees that lost at most 0.01, 0.1 and 0.5 dB of PSNR on PAPER (docs/tradeoff.md).
+one set of lists (`spec.joint`), V3_EYES_STREAMS by four arrays into packed frames, V3_EYES_WARP with the second one warped on
+top. V3_STREAMS_PACKED and V3_EYES_LARGE have all of that but warping for one eye and for two, with batches of the size that
+suits them. PAPER reproduces the machine of the paper (section 7, "Hardware Implementation"), whose lists belong to tiles; it
+and variants of it warp the second eye. TINY, TINY_V3, TINY_STREAMS, TINY_EYES and TINY_EYES_WARP are for fast simulation, FPGA
+is for an FPGA. PRECISE, BALANCED and FAST are V3 with the word lengths and SH degrees that lost at most 0.01, 0.1 and 0.5 dB
+of PSNR on PAPER (docs/tradeoff.md).
 """
 
 from __future__ import annotations
@@ -72,7 +74,9 @@ class AcceleratorConfig:
         merge_ways: number of sorted runs that are merged at a time where a group is larger than the sort buffer.
         splat_cache_lines: number of splat records that the cache of the array's fetch unit holds.
         counters: whether the machine has performance counters.
-        stereo: whether the machine has the warp unit and renders a second eye; this needs `depth`.
+        stereo: whether the machine has the warp unit and renders a second eye; this needs `depth`. In machines with lists by
+            super-tile it needs `joint`, too: joint frames may then have a warped target (`spec.joint_warp`). It excludes
+            `packed` and `overlap`.
         warp_lanes: number of rows that the warp unit works on side by side, each at one pixel a cycle.
         warp_columns: number of columns of the target eye that the warp unit holds in a ring; where rows are wider, pixels move
             by at most three quarters of this number (`spec.stereo.reach`).
@@ -87,9 +91,8 @@ class AcceleratorConfig:
             of it can be seen (`spec.chunks`); this needs spatial order.
         records: the format of a Gaussian in memory, "wide" or "compact"; the second needs chunks.
         lists: "tile": every tile has a list of its intersections, and splat records are stored in memory. "supertile": every
-            super-tile has lists, and records are gathered and projected again (`spec.supertiles`); this needs compact records,
-            and excludes `stereo`. The five parameters below matter in such machines alone, `splat_cache_lines` in
-            the others alone.
+            super-tile has lists, and records are gathered and projected again (`spec.supertiles`); this needs compact records.
+            The five parameters below matter in such machines alone, `splat_cache_lines` in the others alone.
         list_heads: number of lists, at least that of super-tiles in a frame of `row_width` by `row_width` pixels.
         buckets: whether a super-tile may have several lists, by depth.
         header_lines: number of chunk headers in the cache of the second phase, a power of two.
@@ -100,7 +103,7 @@ class AcceleratorConfig:
         joint: whether the machine renders joint frames of two eyes (`spec.joint`) besides frames of one; this needs lists by
             super-tile.
         overlap: whether the first phase of a frame runs beside the second phase of the frame before (docs/machine.md); this
-            needs lists by super-tile, and excludes `joint`.
+            needs lists by super-tile.
         bank_memories: whether pixel cores keep their banks in memories and not in registers, which is smaller on an FPGA where
             a core computes many pixels in turn; this needs lists by tile.
         formats: number formats.
@@ -185,16 +188,17 @@ class AcceleratorConfig:
             raise ValueError("lockstep must be False where incremental or stereo is True or lists belong to super-tiles")
         if self.supertiles and self.records != "compact":
             raise ValueError(f"records must be 'compact' in a machine with lists by super-tile, not {self.records!r}")
-        if self.supertiles and self.stereo:
-            raise ValueError("stereo must be False in a machine with lists by super-tile: `paper` renders two eyes")
+        if self.supertiles and self.stereo and not self.joint:
+            raise ValueError("stereo must be False in a machine with lists by super-tile and without joint frames: `paper` "
+                             "renders two eyes")
+        if self.warps_joint and (self.packed or self.overlap):
+            raise ValueError("stereo must be False in a machine with packed frames or overlapped phases")
         if self.streams not in (1, MOST_STREAMS):
             raise ValueError(f"streams must be 1 or {MOST_STREAMS}, not {self.streams!r}")
         for name, has in (("streams", self.streams > 1), ("packed frames", self.packed), ("joint frames", self.joint),
                           ("overlapped phases", self.overlap)):
             if has and not self.supertiles:
                 raise ValueError(f"lists must be 'supertile' in a machine with {name}, not {self.lists!r}")
-        if self.joint and self.overlap:
-            raise ValueError("joint must be False in a machine with overlapped phases: it renders one eye")
         if self.bank_memories and self.supertiles:
             raise ValueError("bank_memories must be False in a machine with lists by super-tile")
         if self.stereo and not self.depth:
@@ -288,6 +292,16 @@ class AcceleratorConfig:
         """Whether lists belong to super-tiles."""
         return self.lists == "supertile"
 
+    @property
+    def warps_joint(self) -> bool:
+        """Whether joint frames may have a warped target (`spec.joint_warp`)."""
+        return self.stereo and self.joint
+
+    @property
+    def two_passes(self) -> bool:
+        """Whether a frame with a warped eye takes a pass of the machine for each eye."""
+        return self.stereo and not self.joint
+
     def with_(self, **changes: Any) -> AcceleratorConfig:
         """A copy with some parameters changed."""
         return replace(self, **changes)
@@ -311,13 +325,22 @@ V3_RECORDS = V3.with_(name="v3_records", lists="tile")
 """Half of the way from PAPER to V3, which reports/v3.md measures: chunks of compact records, and lists by tile."""
 V3_PACKED = V3.with_(name="v3_packed", packed=True)
 V3_STREAMS = V3.with_(name="v3_streams", streams=4)
+V3_STREAMS_PACKED = V3_STREAMS.with_(name="v3_streams_packed", packed=True, batch_places=256)
+"""All that V3 can have for one eye: four arrays, and packed frames. With half the places in a batch, the arrays begin with a
+super-tile earlier, and the machine is smaller (docs/performance_model.md)."""
 TINY_STREAMS = TINY_V3.with_(name="tiny_streams", cores_x=8, cores_y=8, streams=4)
 V3_EYES = V3.with_(name="v3_eyes", joint=True)
 V3_EYES_STREAMS = V3_EYES.with_(name="v3_eyes_streams", streams=4, packed=True)
 """Everything that V3 can have, for two eyes: four arrays, and frames that are packed."""
+V3_EYES_LARGE = V3_EYES_STREAMS.with_(name="v3_eyes_large", batch_places=1024)
+"""The same with twice the places in a batch, which those of two eyes fill twice as fast."""
 TINY_EYES = TINY_V3.with_(name="tiny_eyes", joint=True)
+V3_EYES_WARP = V3_EYES.with_(name="v3_eyes_warp", stereo=True)
+TINY_EYES_WARP = TINY_EYES.with_(name="tiny_eyes_warp", stereo=True)
 V3_OVERLAP = V3.with_(name="v3_overlap", overlap=True)
 TINY_OVERLAP = TINY_V3.with_(name="tiny_overlap", overlap=True)
+V3_EYES_OVERLAP = V3_EYES.with_(name="v3_eyes_overlap", overlap=True)
+TINY_EYES_OVERLAP = TINY_EYES.with_(name="tiny_eyes_overlap", overlap=True)
 DEFAULT = V3.with_(name="default", culling_units=2, row_width=1280)
 HEADSET = V3.with_(name="headset", row_width=2208, list_heads=2048)
 """V3 for the eye of a headset, 2064 by 2208 pixels."""
@@ -344,7 +367,8 @@ banks are in memories, a smaller sorter, short formats, and no depth (docs/fpga.
 CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER, V3, *PRESETS.values())}
 
 MACHINES = CONFIGS | {config.name: config for config in (
-    TINY_V3, TINY_STREAMS, TINY_EYES, TINY_OVERLAP, FPGA, PAPER_BASE, PAPER_SMALL, V3_RECORDS, V3_PACKED, V3_STREAMS,
-    V3_EYES, V3_EYES_STREAMS, V3_OVERLAP, HEADSET)}
+    TINY_V3, TINY_STREAMS, TINY_EYES, TINY_EYES_WARP, TINY_OVERLAP, TINY_EYES_OVERLAP, FPGA, PAPER_BASE, PAPER_SMALL,
+    V3_RECORDS, V3_PACKED, V3_STREAMS, V3_STREAMS_PACKED, V3_EYES, V3_EYES_STREAMS, V3_EYES_LARGE, V3_EYES_WARP, V3_OVERLAP,
+    V3_EYES_OVERLAP, HEADSET)}
 """What command lines take as a machine's name: those above, small ones for tests, the paper's baseline, PAPER with a smaller
 front end, and the steps from PAPER to V3 and beyond."""

@@ -50,15 +50,16 @@ class Limit:
         return self.low <= pattern <= self.high
 
 
-def with_every_register(config: AcceleratorConfig) -> tuple[AcceleratorConfig, AcceleratorConfig, AcceleratorConfig]:
-    """Three machines that together have the registers of all machines with the same number formats: one with chunks and stereo,
-    one with lists by super-tile, which exclude stereo, packed frames and overlapped phases, and one with joint frames, which
-    exclude overlapped phases. Registers that a later one has and no earlier one have the higher addresses; the third one lacks
-    what the second one has already."""
-    chunked = config.with_(lockstep=False, streams=1, lists="tile", order="spatial", chunks=True, packed=False, joint=False,
-                           overlap=False)
+def with_every_register(config: AcceleratorConfig) -> tuple[AcceleratorConfig, ...]:
+    """Machines that together have the registers of all machines with the same number formats: one with chunks and stereo, one
+    with lists by super-tile, packed frames and overlapped phases, one with joint frames, and one whose joint frames may have a
+    warped target. Registers that a later one has and no earlier one have the higher addresses; the last ones lack what an
+    earlier one has already."""
+    chunked = config.with_(lockstep=False, stereo=False, streams=1, lists="tile", order="spatial", chunks=True, packed=False,
+                           joint=False, overlap=False)
     supertiles = chunked.with_(stereo=False, records="compact", lists="supertile", bank_memories=False)
-    return chunked.with_(depth=True, stereo=True), supertiles.with_(packed=True, overlap=True), supertiles.with_(joint=True)
+    return (chunked.with_(depth=True, stereo=True), supertiles.with_(packed=True, overlap=True), supertiles.with_(joint=True),
+            supertiles.with_(joint=True, depth=True, stereo=True))
 
 
 def settings(config: AcceleratorConfig) -> tuple[Setting, ...]:
@@ -91,6 +92,7 @@ def limits(config: AcceleratorConfig) -> tuple[Limit, ...]:
         *(Limit("display", 1, 1, f"1 where `{name}` is", where=name) for name in ("stereo", "packed") if getattr(config, name)),
         *([Limit("shift", (1 << SHIFT_BITS) - SUPER_X, SUPER_X, f"-{SUPER_X}..{SUPER_X}, where `joint` is 1", where="joint")]
           if config.joint else []),
+        *([Limit("joint", 1, 1, "1 where `stereo` is", where="stereo")] if config.warps_joint else []),
     )
 
 

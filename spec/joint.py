@@ -1,8 +1,9 @@
 """Joint frames: both eyes of a rectified pair from one set of lists, on a machine with super-tiles.
 
-Both eyes are rendered, and nothing is warped. Every Gaussian is read once, every pair is sorted once and its record is
-gathered once; projection, tile test, colour and pixels are those of each eye. The eyes are the *source*, number 0, and the
-*target*, number 1 (docs/stereo.md). What is not said here is as in frames of one eye (`spec.supertiles`).
+Both eyes are rendered; `spec.joint_warp` says what changes where the target is warped. Every Gaussian is read once, every pair
+is sorted once and its record is gathered once; projection, tile test, colour and pixels are those of each eye. The eyes are the
+*source*, number 0, and the *target*, number 1 (docs/stereo.md). What is not said here is as in frames of one eye
+(`spec.supertiles`).
 
 **Grids.** The tiles of each eye are numbered as in a frame of its own. A joint super-tile is a block of SUPER_X by SUPER_Y
 tiles of the source and one of the target, which show about the same points: the setting `shift` is the distance in tiles,
@@ -44,10 +45,9 @@ Gaussians and chunks, once for both eyes; `outside` those that touch neither fra
 tiles and visits are sums over both eyes, and so are saturations, each of which is counted for every projection or place that
 has it. `pairs`, `header_hits`, `header_misses`, `batches` and `groups` count what there is once for both eyes.
 
-**Refused.** A machine whose lists belong to tiles; it renders two eyes by warping. A frame with more joint super-tiles than
-the machine has lists: a shift can take one column more than a frame of one eye. A shift beyond SHIFT_MOST. Warping is not a
-part of joint frames. The RTL of machines with `config.joint` renders joint frames; the integer renderer and the cycle model do
-so for every machine with super-tiles.
+**Refused.** A machine whose lists belong to tiles; it renders two eyes by warping. A frame with more joint super-tiles than the
+machine has lists: a shift can take one column more than a frame of one eye. A shift beyond SHIFT_MOST. The RTL of machines with
+`config.joint` renders joint frames; the integer renderer and the cycle model do so for every machine with super-tiles.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ from __future__ import annotations
 from spec.config import AcceleratorConfig
 from spec.constants import SUPER_X, SUPER_Y
 from spec.errors import InputError
-from spec.records import Field, Record, eye, frame_lists, gaussian_point
+from spec.records import Field, Record, frame_lists, gaussian_point, splat_eye
 
 EYES = 2
 """Eyes of a joint frame: the source, number 0, and the target, number 1."""
@@ -95,5 +95,5 @@ def eye_point(config: AcceleratorConfig) -> Record:
     """A Gaussian on its way into projection in a machine with joint frames: once for each eye."""
     return Record("EyePoint", eye_point.__doc__, (
         *gaussian_point(config).fields,
-        Field("position", config.formats.view, "the eye's centre relative to the model's origin", 3), *eye(config),
+        Field("position", config.formats.view, "the eye's centre relative to the model's origin", 3), *splat_eye(config),
     ))

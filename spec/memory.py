@@ -225,6 +225,8 @@ def frame_settings(config: AcceleratorConfig) -> Record:
         *([beat("supertiles_base")] if config.supertiles else []),
         *([Field("packed", uint(1), "1: the frame of DisplayPixels is packed (`spec.packed`)")] if config.packed else []),
         *(_joint_settings() if config.joint else ()),
+        *([Field("second_sweep", uint(1), "1: where the target is warped, its tiles with holes are rendered in a second sweep; "
+                 "0: the holes stay (`spec.joint_warp`)")] if config.warps_joint else []),
     ))
 
 
@@ -254,7 +256,7 @@ def _stereo_settings(config: AcceleratorConfig) -> tuple[Field, ...]:
     """Additional settings of a frame of two eyes; all other settings hold for both eyes."""
     position, *bases = _target_settings(config)
     return (
-        Field("stereo", uint(1), "1: a frame of two eyes; 0: a frame of one eye, which ignores the settings below"),
+        Field("stereo", uint(1), "1: a frame of two eyes, of which the second is warped; 0: no eye is warped"),
         Field("source_right", uint(1), "1: the source eye is the right one"), position,
         Field("disparity_scale", uint(DISPARITY_SCALE_BITS),
               "disparity where depth saturates, in units of 2^-14 pixels (`spec.stereo.DISPARITY_SCALE_FRAC`)"), *bases)

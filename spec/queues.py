@@ -93,6 +93,10 @@ SUPERTILES_AHEAD = 2
 """Super-tiles, in joint frames those of both eyes, that wait for the batch buffer while pairs behind them are projected again.
 Each keeps the array for 256 cycles or more, and projection, tile test and colours take about as long."""
 
+SUPERTILES_TURNING = 4
+"""Super-tiles of both eyes that wait on either side of projection in machines with a warp unit, where a pair may be projected
+for one eye: as many as can follow each other while a pair is on its way through projection, if they are small."""
+
 LISTS_AHEAD = 32
 """Lists that wait for the list reader while the super-tile reader already has them: as many as a super-tile has at most. A
 super-tile is known only by its last list, and sorted pairs wait for it while the list reader cannot move."""

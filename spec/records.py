@@ -112,6 +112,12 @@ def eye(config: AcceleratorConfig) -> tuple[Field, ...]:
     return (Field("eye", uint(1), "the eye: 0 the source, or the only one; 1 the target"),) if config.joint else ()
 
 
+def splat_eye(config: AcceleratorConfig) -> tuple[Field, ...]:
+    """The same of splats in the second phase, of which a pair may have one for a single eye (`spec.joint_warp`)."""
+    alone = (Field("alone", uint(1), "the pair has no splat for the other eye"),) if config.warps_joint else ()
+    return eye(config) + alone
+
+
 def gaussian_geometry(config: AcceleratorConfig) -> Record:
     """The first half of a Gaussian in memory, one 32-byte beat. It is read for every Gaussian."""
     n = config.formats
@@ -158,8 +164,7 @@ def tile_header(config: AcceleratorConfig) -> Record:
     """What the array must know of a tile before its intersections; one per tile, empty tiles too, in tile order."""
     n = config.formats
     return Record("TileHeader", tile_header.__doc__, (
-        Field("tile_x", uint(TILE_BITS), "tile column"),
-        Field("tile_y", uint(TILE_BITS), "tile row"),
+        Field("tile_x", uint(TILE_BITS), "tile column"), Field("tile_y", uint(TILE_BITS), "tile row"),
         Field("outer", uint(1), "the tile's level is 2 or more, where alpha may reach 1"),
         Field("blend", uint(1), "the tile blends its level with the next"),
         Field("plane", n.plane, "blend parameter at the first pixel, its slope along x, along y", 3),
@@ -198,18 +203,14 @@ def pixel_op(config: AcceleratorConfig) -> Record:
               "ulp of `cut` included"),
         Field("slope_x", n.slope, "first difference along x at the first pixel"),
         Field("slope_y", n.slope, "first difference along y at the first pixel"),
-        Field("curve_xx", n.curvature, "second difference along x"),
-        Field("curve_xy", n.curvature, "mixed second difference"),
+        Field("curve_xx", n.curvature, "second difference along x"), Field("curve_xy", n.curvature, "mixed second difference"),
         Field("curve_yy", n.curvature, "second difference along y"),
         Field("cut", n.cut, "exponent below which a pixel skips the splat"),
-        Field("colour", n.colour, "r, g, b", 3),
-        Field("depth", n.depth, "z as a fraction of the frame's depth scale"),
+        Field("colour", n.colour, "r, g, b", 3), Field("depth", n.depth, "z as a fraction of the frame's depth scale"),
         Field("bank", uint(1), "level bank: 0 the tile's level, 1 the next"),
-        Field("outer", uint(1), "alpha may reach 1"),
-        *start,
+        Field("outer", uint(1), "alpha may reach 1"), *start,
         Field("last", uint(1), "the op is the background: weighted by the remaining transmittance, which it does not change"),
-        Field("drain", uint(1), drain),
-        *place,
+        Field("drain", uint(1), drain), *place,
     ))
 
 
@@ -217,8 +218,7 @@ def pixel_row(config: AcceleratorConfig) -> Record:
     """Finished pixels, levels blended: `array_x` neighbours of one row of a tile, left to right."""
     n, lanes = config.formats, config.array_x
     return Record("PixelRow", pixel_row.__doc__, (
-        Field("tile_x", uint(TILE_BITS), "tile column"),
-        Field("tile_y", uint(TILE_BITS), "tile row"),
+        Field("tile_x", uint(TILE_BITS), "tile column"), Field("tile_y", uint(TILE_BITS), "tile row"),
         Field("row", uint(4), "row inside the tile"),
         Field("column", uint(4), "first column inside the tile, a multiple of the array's width"),
         Field("colour", n.accumulator, "r, g, b of each pixel, background included", 3 * lanes),
@@ -336,8 +336,7 @@ def _projection(config: AcceleratorConfig) -> tuple[Field, ...]:
     """What projection finds of a splat, as later stages use it."""
     n = config.formats
     return (
-        Field("index", uint(INDEX_BITS), "Gaussian index"),
-        Field("bound", uint(2), "quality bound m - 1"),
+        Field("index", uint(INDEX_BITS), "Gaussian index"), Field("bound", uint(2), "quality bound m - 1"),
         Field("mean2d", n.mean2d, "projected mean in pixels: x, y", 2),
         Field("conic", n.conic, "Cholesky factors l1, l2, l3: u = l1 dx + l2 dy, v = l3 dy", 3),
         _opacity(config),
@@ -352,11 +351,12 @@ def projected_splat(config: AcceleratorConfig) -> Record:
     return Record("ProjectedSplat", projected_splat.__doc__, (
         *_projection(config),
         Field("depth_key", config.formats.depth_key, "sort key"),
-        Field("first_x", tile, "first tile column of the box"),
-        Field("last_x", tile, "last tile column"),
-        Field("first_y", tile, "first tile row"),
-        Field("last_y", tile, "last tile row"),
-        *([*eye(config), Field("none", uint(1), "the splat is culled in this eye; it has no tile")] if config.joint else []),
+        Field("first_x", tile, "first tile column of the box"), Field("last_x", tile, "last tile column"),
+        Field("first_y", tile, "first tile row"), Field("last_y", tile, "last tile row"),
+        *splat_eye(config),
+        *([Field("none", uint(1), "the splat is culled in this eye; it has no tile")] if config.joint else []),
+        *([Field("wanted", uint(SUPER_TILES), "tiles of the pair's super-tile that the sweep renders, one bit each")]
+          if config.warps_joint else []),
         Field("end", uint(1), "all splats of the frame have come; the rest means nothing"),
     ))
 
@@ -368,7 +368,7 @@ def surviving_splat(config: AcceleratorConfig) -> Record:
         Field("levels", uint(MAX_LEVELS), "levels of the tiles in which it has intersections, one bit per level"),
         *([Field("mask", uint(SUPER_TILES), "tiles of the super-tile in which it has intersections, one bit each; with "
                  "streams, those whose quarter it meets, for each stream", config.streams)] if config.supertiles else []),
-        *eye(config),
+        *splat_eye(config),
         Field("end", uint(1), "all splats of the frame have come; the rest means nothing"),
     ))
 

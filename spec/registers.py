@@ -155,9 +155,16 @@ STEREO_EVENTS = {
 in any case."""
 
 
+SWEEP_EVENTS = {
+    "pairs_again": "pairs that the second sweep read again, for tiles with holes",
+}
+"""Additional events of machines whose joint frames may have a warped target (`spec.joint_warp`)."""
+
+
 def stages(config: AcceleratorConfig) -> tuple[str, ...]:
     """The stages of a machine whose input streams are counted, in the order of the data."""
-    return SUPERTILE_STAGES if config.supertiles else STAGES + STEREO_STAGES if config.stereo else STAGES
+    own = SUPERTILE_STAGES if config.supertiles else STAGES
+    return own + STEREO_STAGES if config.stereo else own
 
 
 def _stored(config: AcceleratorConfig, clients: tuple[str, ...]) -> tuple[str, ...]:
@@ -180,7 +187,8 @@ def events(config: AcceleratorConfig) -> dict[str, str]:
     """Events that the units of a machine report when a frame ends: by name, what is counted."""
     chunks, stereo = CHUNK_EVENTS if config.chunks else {}, STEREO_EVENTS if config.stereo else {}
     supertiles = SUPERTILE_EVENTS if config.supertiles else {}
-    return _common_events(config) | chunks | stereo | supertiles | {s.name: s.doc for s in SATURATIONS}
+    sweep = SWEEP_EVENTS if config.warps_joint else {}
+    return _common_events(config) | chunks | stereo | supertiles | sweep | {s.name: s.doc for s in SATURATIONS}
 
 
 def _common_events(config: AcceleratorConfig) -> dict[str, str]:
@@ -190,7 +198,7 @@ def _common_events(config: AcceleratorConfig) -> dict[str, str]:
 
 def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
     """Every counter of a machine, in the order of its registers: first those of all machines, then those of chunks, of stereo
-    and of super-tiles and of overlapped phases, at the end those of saturated values."""
+    and of super-tiles, of overlapped phases and of second sweeps, at the end those of saturated values."""
     phases = {"total": "in which the machine was busy"} | {
         p.name.lower(): f"of phase {p.name}" for p in (Phase.TABLE, Phase.GEOMETRY, Phase.RENDER)}
     per_stage = {"busy": "took an item", "starved": "had none to take", "blocked": "had one but could not take it"}
@@ -208,7 +216,8 @@ def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
         *of_stages(tuple(name for name in SUPERTILE_STAGES if name not in STAGES)),
         *(Counter(name, doc) for name, doc in SUPERTILE_EVENTS.items()))
     stereo = (
-        Counter("cycles_target", "cycles of the target eye's pass", 64), *of_clients("write", STEREO_WRITE_CLIENTS),
+        Counter("cycles_target", "cycles of the target eye's pass, in joint frames of the second sweep", 64),
+        *of_clients("write", STEREO_WRITE_CLIENTS),
         *of_stages(STEREO_STAGES), *(Counter(name, doc) for name, doc in STEREO_EVENTS.items()))
     return (
         *(Counter(f"cycles_{name}", f"cycles {doc}", 64) for name, doc in phases.items()),
@@ -222,6 +231,7 @@ def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
         *(stereo if config.stereo else ()),
         *(supertiles if config.supertiles else ()),
         *(of_clients("read", OVERLAP_READ_CLIENTS) if config.overlap else ()),
+        *(Counter(name, doc) for name, doc in (SWEEP_EVENTS if config.warps_joint else {}).items()),
         *(Counter(saturation.name, saturation.doc) for saturation in SATURATIONS),
     )
 

@@ -161,6 +161,7 @@ def batch_place(config: AcceleratorConfig) -> Record:
         Field("mask", uint(SUPER_TILES), "tiles of the super-tile, of any level, with an intersection, one bit each; with "
               "streams, those whose quarter it meets, for each stream", config.streams),
         *eye(config),
+        *([Field("none", uint(1), "no place: the pair has no tile that the sweep renders")] if config.warps_joint else []),
         Field("last", uint(1), "last place of its pair, of both eyes"),
     ))
 

@@ -10,7 +10,7 @@ import re
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -187,8 +187,11 @@ def machine_area(
 
 def mapped(
     config: AcceleratorConfig, settings: Settings, jobs: int = 2, progress: Callable[[str], None] = print,
+    only: Collection[str] | None = None,
 ) -> tuple[Design, dict[str, dict]]:
     """The modules of a machine, and the `module_result` of each, `jobs` of them made at a time.
+
+    `only`: the modules that are wanted; those in them are made as well, all others are left out. None: all.
 
     Raises:
         InputError: the settings are not accepted, or Yosys or liberty files are missing.
@@ -196,7 +199,8 @@ def mapped(
     settings.check()
     progress(f"{config.name}: elaborating the machine")
     design = machine_design(config, settings.folder)
-    return design, _synthesise_all(design, settings, jobs, progress)
+    names = [name for name in design.texts if only is None or name in only]
+    return design, _synthesise_all(design, names, settings, jobs, progress)
 
 
 def below(design: Design, name: str) -> list[str]:
@@ -208,16 +212,20 @@ def below(design: Design, name: str) -> list[str]:
     return [module for module in design.texts if module in wanted and module != name]
 
 
-def _synthesise_all(design: Design, settings: Settings, jobs: int, progress: Callable[[str], None]) -> dict[str, dict]:
-    """The `module_result` of every module, with the timing of the whole unit added under "timed"."""
-    names, done, lock, began = list(design.texts), [0], threading.Lock(), time.monotonic()
-    results: dict[str, Future] = {}
+def _synthesise_all(
+    design: Design, wanted: Sequence[str], settings: Settings, jobs: int, progress: Callable[[str], None],
+) -> dict[str, dict]:
+    """The `module_result` of every module that is wanted, with the timing of the whole unit added under "timed"."""
     units = {label(path): path for path in UNIT_GROUPS}
+    inside = {module for name in wanted for module in below(design, name) if units.get(name, name) not in UNTIMED}
+    names = [name for name in design.texts if name in inside | set(wanted)]
+    done, lock, began = [0], threading.Lock(), time.monotonic()
+    results: dict[str, Future] = {}
 
     def work(name: str) -> dict:
-        parts = {module: results[module].result() for module in below(design, name)}
         is_timed = units.get(name, name) not in UNTIMED
-        netlists = [Path(part["netlist"]) for part in parts.values()] if is_timed else []
+        parts = {module: results[module].result() for module in below(design, name)} if is_timed else {}
+        netlists = [Path(part["netlist"]) for part in parts.values()]
         part = module_result(design, name, netlists, settings, is_timed=is_timed)
         part["timed"] = {"slack_ps": part["slack_ps"]}
         if name in units and is_timed and part["slack_ps"] is not None and (parts or part["slack_ps"] < 0):

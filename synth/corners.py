@@ -11,6 +11,7 @@ from pathlib import Path
 
 from spec.errors import InputError
 from synth.liberty import ASAP7, Technology, find_files, merge
+from synth.scaling import FO4_PS
 
 UNCERTAINTY = 0.05
 """Clock uncertainty of setup checks, as a share of the clock: jitter and skew."""
@@ -53,7 +54,7 @@ def _slow(technology: Technology) -> Technology:
 
 
 TYPICAL = Corner("typical", ASAP7)
-SLOW = Corner("slow", _slow(ASAP7), 29.3 / 19.5,
+SLOW = Corner("slow", _slow(ASAP7), FO4_PS["asap7_ss"] / FO4_PS["asap7"],
               "the macros have no slow corner: their times grow as the delay of an inverter with a fan-out of four does")
 
 CORNERS = {corner.name: corner for corner in (TYPICAL, SLOW)}

@@ -188,16 +188,16 @@ def interface_of(
 ) -> Interface:
     """The interface of a module of the design, measured by OpenSTA; what it reads and says stays in `folder`.
 
-    `parts`: the `module_result` of each module.
+    `parts`: the `module_result` of each module that is measured with it (`measured`).
     """
     folder.mkdir(parents=True, exist_ok=True)
     kinds, cells, texts = interfaced(design)[name], {}, {}
-    for module in [*_inside(design, name, set(kinds)), name]:
+    for module in measured(design, name):
         text = Path(parts[module]["netlist"]).read_text()
         memories = memory_cells(parts[module]["stores"], text)
         cells |= {cell.name: cell for cell in memories.values()}
         texts[module] = with_memories(text, memories)
-    outer = {kind: ports_of(Path(parts[kind]["netlist"]).read_text()) for kind in kinds}
+    outer = {kind: rtl_ports(design.texts[kind], kind) for kind in kinds}
     texts[name], below, names = without(parse(texts[name]), outer)
     for module, text in texts.items():
         write_text(folder / f"{module}.v", text)
@@ -226,13 +226,22 @@ def collect(source: str, below: dict[str, str], found: Iterable[tuple[str, str, 
     return Interface(source, inside, below, arrives, needed, through)
 
 
-def _inside(design: Design, name: str, cut: set[str]) -> list[str]:
-    """The modules inside a module at any depth, except those that are cut out, lower ones first."""
-    wanted = {name}
+def measured(design: Design, name: str) -> list[str]:
+    """A module that has an interface, and the modules inside it at any depth, except those that have interfaces of their own,
+    lower ones first."""
+    cut, wanted = set(interfaced(design)[name]), {name}
     for module in reversed(design.texts):
         if module in wanted:
             wanted |= {kind for kind in design.below[module] if module != name or kind not in cut}
-    return [module for module in design.texts if module in wanted and module != name]
+    return [module for module in design.texts if module in wanted]
+
+
+def rtl_ports(text: str, name: str) -> dict[str, tuple[str, int]]:
+    """Direction and width of the ports of module `name` in RTLIL, by their names without escapes."""
+    body = text[text.index(f"module \\{name}\n"):]
+    found = re.findall(r"(?m)^\s*wire (?:width (\d+) )?(?:signed )?(input|output) \d+\s+(?:signed )?\\(\S+)$",
+                       body[:body.index("\nend\n")])
+    return {port: (direction, int(width or 1)) for width, direction, port in found}
 
 
 def ports_of(text: str) -> dict[str, tuple[str, int]]:

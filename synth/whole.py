@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -21,9 +21,9 @@ from spec.paths import BUILD, REPORTS
 from spec.sources import fingerprint, sources_of
 from synth.area import mapped
 from synth.budget import Late, graph, late
-from synth.corners import CORNERS, UNCERTAINTY, Corner, corner
+from synth.corners import CORNERS, UNCERTAINTY, corner
 from synth.design import Design
-from synth.interfaces import Interface, interface_of, interfaced, source_hash
+from synth.interfaces import Interface, interface_of, interfaced, measured, source_hash
 from synth.linked import LinkedTiming, check, time_machine, write_machine
 from synth.loads import Overload, memory_pins, overloads, pins_of
 from synth.machine import TOP, machine_design
@@ -85,21 +85,46 @@ def time_config(
     cells = pins_of(wanted[0].liberty(folder)) | memory_pins(written.cells)
     loaded = overloads((read(path) for path in written.netlists), cells)
     counts = design.counts()
-    measured = _interfaces(design, parts, CORNERS[BUDGET_CORNER], folder / f"interfaces-{config.name}", progress) \
-        if interfaces else {}
+    ports = _interfaces(design, interfaced(design), parts, folder / f"interfaces-{config.name}", progress) if interfaces else {}
     return WholeTiming(
-        config.name, linked, measured, _sources(config), len(design.texts), counts.total(),
+        config.name, linked, ports, _sources(config), len(design.texts), counts.total(),
         sum(counts[name] * sum(part["cells_by_type"].values()) for name, part in parts.items()), tuple(loaded))
 
 
+def time_ports(
+    config: AcceleratorConfig, kept: Budget, folder: Path = BUILD / "synth", jobs: int = 2,
+    progress: Callable[[str], None] = print, runs: int = MOST_RUNS,
+) -> WholeTiming:
+    """Maps and measures those modules alone whose RTL is no longer that of the stored interfaces, and links nothing.
+
+    Raises:
+        InputError: OpenSTA, Yosys or liberty files are missing.
+    """
+    check()
+    settings, design = Settings("asap7", kept.clock_ps, folder, runs=runs), machine_design(config, folder)
+    old = _changed(kept, design)
+    progress(f"{config.name}: {len(old)} modules have changed")
+    _, parts = mapped(config, settings, jobs, progress, {module for name in old for module in measured(design, name)})
+    new = _interfaces(design, old, parts, folder / f"interfaces-{config.name}", progress)
+    return WholeTiming(
+        config.name, {}, {name: new.get(name) or kept.interfaces[name] for name in interfaced(design)}, _sources(config),
+        len(design.texts), design.counts().total(), 0)
+
+
 def _interfaces(
-    design: Design, parts: Mapping[str, dict], where: Corner, folder: Path, progress: Callable[[str], None],
+    design: Design, names: Iterable[str], parts: Mapping[str, dict], folder: Path, progress: Callable[[str], None],
 ) -> dict[str, Interface]:
     found = {}
-    for name in interfaced(design):
+    for name in names:
         progress(f"measuring the ports of {name}")
-        found[name] = interface_of(name, design, parts, where, folder)
+        found[name] = interface_of(name, design, parts, CORNERS[BUDGET_CORNER], folder)
     return found
+
+
+def _changed(budget: Budget, design: Design) -> list[str]:
+    """The modules of a design that have interfaces, but not those that are stored."""
+    return [name for name in interfaced(design)
+            if name not in budget.interfaces or source_hash(design, name) != budget.interfaces[name].source]
 
 
 def _sources(config: AcceleratorConfig) -> str:
@@ -155,6 +180,4 @@ def stale(budget: Budget, folder: Path = BUILD / "synth") -> list[str]:
     if _sources(config) == budget.sources:
         return []
     design = machine_design(config, folder)
-    today = {name: source_hash(design, name) for name in interfaced(design)}
-    return sorted(name for name in today.keys() | budget.interfaces.keys()
-                  if name not in budget.interfaces or today.get(name) != budget.interfaces[name].source)
+    return sorted({*_changed(budget, design), *(budget.interfaces.keys() - interfaced(design).keys())})

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from golden.host.joint_registers import JointRegisters
+from golden.host.joint_registers import JointRegisters, JointWarping
 from golden.host.packed_frame import unpack_blocks
 from golden.host.quantise import GaussianWords
 from golden.host.registers import FrameRegisters
@@ -25,6 +25,7 @@ from spec.constants import SUPER_TILES, SUPER_X, SUPER_Y
 from spec.effects import with_joint_frames, with_packed_frames, with_two_eyes
 from spec.formats import SmallFloat
 from spec.joint import grid_origins, joint_columns
+from spec.joint_warp import check_joint_warp
 from spec.memory import (
     BEAT_BYTES,
     BEAT_ENTRIES,
@@ -50,8 +51,12 @@ machine writes `views` and those after it. Only machines with chunks have their 
 `supertiles` and have no `views`, and a frame of one eye has no region of the target's."""
 
 _SECOND_EYE = (
-    "source_right", "target_position", "disparity_scale", "target_tiles_base", "target_frame_base", "shift", "shared_colour")
+    "source_right", "target_position", "disparity_scale", "target_tiles_base", "target_frame_base", "shift", "shared_colour",
+    "second_sweep")
 """Settings that a frame of one eye ignores."""
+
+_WARPING = ("source_right", "disparity_scale", "second_sweep")
+"""Those of them that a joint frame without warping ignores, too."""
 
 _SUPERTILE_BEATS = SUPER_TILES * TILE_SETTING_BYTES // BEAT_BYTES
 _FIRST_BEAT, _GUARD_BEATS = 3, 5  # no region starts at 0 or at a round number, so that a forgotten base changes the frame
@@ -202,12 +207,13 @@ def tile_bytes(config: AcceleratorConfig, registers: FrameRegisters, warp: np.nd
 
 def supertile_bytes(
     config: AcceleratorConfig, registers: FrameRegisters, *, origin: int = 0, columns: int | None = None,
+    warp: np.ndarray | None = None,
 ) -> np.ndarray:
     """The settings of the tiles of each super-tile, (super-tiles * SUPER_TILES * TILE_SETTING_BYTES / BEAT_BYTES, BEAT_BYTES)
     uint8: the same as in the table of tiles, and 0 for tiles beyond the frame. With `columns` columns of super-tiles, the frame
-    begins `origin` columns of tiles right of the first one's left edge."""
+    begins `origin` columns of tiles right of the first one's left edge. `warp` is as in `tile_bytes`."""
     columns, rows = columns or -(-registers.tiles_x // SUPER_X), -(-registers.tiles_y // SUPER_Y)
-    tiles = tile_bytes(config, registers).reshape(-1, TILE_SETTING_BYTES)[: len(registers.header)]
+    tiles = tile_bytes(config, registers, warp).reshape(-1, TILE_SETTING_BYTES)[: len(registers.header)]
     grid = np.zeros((rows * SUPER_Y, columns * SUPER_X, TILE_SETTING_BYTES), np.uint8)
     grid[: registers.tiles_y, origin : origin + registers.tiles_x] = tiles.reshape(
         registers.tiles_y, registers.tiles_x, TILE_SETTING_BYTES)
@@ -217,8 +223,9 @@ def supertile_bytes(
 def joint_supertile_bytes(config: AcceleratorConfig, joint: JointRegisters) -> np.ndarray:
     """The same of a joint frame: the beats of each super-tile's source, and behind them those of its target."""
     columns = joint_columns(joint.source.tiles_x, joint.shift)
-    eyes = [supertile_bytes(config, eye, origin=origin, columns=columns).reshape(-1, _SUPERTILE_BEATS, BEAT_BYTES)
-            for eye, origin in zip(joint.eyes, grid_origins(joint.shift), strict=True)]
+    warps = None, joint.warping and joint.warping.warp
+    eyes = [supertile_bytes(config, eye, origin=origin, columns=columns, warp=warp).reshape(-1, _SUPERTILE_BEATS, BEAT_BYTES)
+            for eye, origin, warp in zip(joint.eyes, grid_origins(joint.shift), warps, strict=True)]
     return np.stack(eyes, 1).reshape(-1, BEAT_BYTES)
 
 
@@ -244,14 +251,18 @@ def memory_image(
             displays. JointRegisters are those of both eyes of a joint frame.
 
     Raises:
-        InputError: two eyes are asked of a machine that renders one, or a packed frame of a machine that packs none.
+        InputError: two eyes are asked of a machine that renders one, a warped eye in a joint frame of a machine without, or a
+            packed frame of a machine that packs none.
     """
+    if isinstance(second, JointRegisters) and second.warping:
+        check_joint_warp(config)
     if second is not None:
         (with_joint_frames if isinstance(second, JointRegisters) else with_two_eyes)(config)
     contents = {**(gaussians or gaussian_bytes(config, words)), "tiles": tile_bytes(config, registers)}
     if isinstance(second, JointRegisters):
         contents["supertiles"] = joint_supertile_bytes(config, second)
-        contents["target_tiles"] = tile_bytes(config, second.target)
+        contents["target_tiles"] = tile_bytes(config, second.target, second.warping and second.warping.warp)
+        display = display or second.warping is not None
     elif config.supertiles:
         contents["supertiles"] = supertile_bytes(config, registers)
     if isinstance(second, StereoRegisters):
@@ -292,15 +303,26 @@ def memory_image(
 def _second_eye(config: AcceleratorConfig, second: StereoRegisters | JointRegisters | None) -> dict[str, int | list[int]]:
     """The settings of the target eye, except its bases. For a frame of one eye they get values that must not matter."""
     if second is None:
-        return {"joint" if config.joint else "stereo": 0, **{
+        kinds = (name for name in ("joint", "stereo") if getattr(config, name))
+        return {**dict.fromkeys(kinds, 0), **{
             f.name: [f.raw_range[1]] * f.count if f.count > 1 else f.raw_range[1]
             for f in frame_settings(config).fields if f.name in _SECOND_EYE}}
     if isinstance(second, JointRegisters):
         return {"joint": 1, "shift": second.shift, "shared_colour": int(second.shared_colour),
-                "target_position": _view_settings(config, second.target)["position"]}
+                "target_position": _view_settings(config, second.target)["position"], **_warping(config, second.warping)}
     return {
         "stereo": 1, "source_right": int(second.source_right), "disparity_scale": second.disparity_scale,
         "target_position": _view_settings(config, second.target)["position"]}
+
+
+def _warping(config: AcceleratorConfig, warping: JointWarping | None) -> dict[str, int]:
+    """The settings of a joint frame about its warped target; where nothing is warped, values that must not matter."""
+    if not config.stereo:
+        return {}
+    if warping is None:
+        return {"stereo": 0, **{f.name: f.raw_range[1] for f in frame_settings(config).fields if f.name in _WARPING}}
+    return {"stereo": 1, "source_right": int(warping.source_right), "disparity_scale": warping.disparity_scale,
+            "second_sweep": int(warping.second_sweep)}
 
 
 def _view_settings(config: AcceleratorConfig, registers: FrameRegisters) -> dict[str, int | list[int]]:

@@ -127,7 +127,7 @@ def supertile_records(frame: Frame, grid: SuperGrid, pairs: np.ndarray) -> np.nd
         pairs: (super-tiles,) the number of pairs of each.
     """
     r, rows = frame.registers, np.zeros(len(grid.tile), supertile(frame.config).dtype)
-    row, column = np.divmod(np.arange(len(rows)), grid.columns)
+    row, column = np.divmod(np.arange(len(rows)) % (grid.columns * grid.rows), grid.columns)  # once for each sweep
     rows["x"], rows["y"], rows["pairs"] = SUPER_X * column, SUPER_Y * row, pairs
     bits = 1 << np.arange(SUPER_TILES)
     rows["inside"] = grid.inside @ bits

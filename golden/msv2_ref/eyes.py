@@ -34,6 +34,9 @@ RENDERED, RERENDERED, WARPED, BACKGROUND, FILLED = range(5)
 """Where a pixel of the target comes from: a tile that may not be warped and was rendered, a tile that was rendered because of
 its holes, a pixel of the source, the source's background, or, in a filled hole, its neighbours."""
 
+HOLE = 5
+"""A hole that stays, in joint frames without a second sweep (`spec.joint_warp`)."""
+
 KINDS = {"rendered": RENDERED, "rerendered": RERENDERED, "warped": WARPED, "background": BACKGROUND, "filled": FILLED}
 
 
@@ -73,23 +76,17 @@ class StereoFrame:
     @cached_property
     def target_pixels(self) -> np.ndarray:
         """(H, W) DisplayPixel records of the target eye: the rendered tiles over the warped frame."""
-        return np.where(self._per_pixel(self.rendered), display_pixels(self.target), self.warped.pixels)
+        return over_warped(self.target, self.rendered, self.warped)
 
     @cached_property
     def origin(self) -> np.ndarray:
         """(H, W) uint8: where each pixel of the target comes from, one of KINDS."""
-        of_warped = np.array([RERENDERED, WARPED, BACKGROUND, FILLED], np.uint8)[self.warped.origin]
-        foveal = self._per_pixel(self.registers.warp == 0)
-        again = self._per_pixel(self.rendered) & ~foveal
-        return np.where(foveal, RENDERED, np.where(again, RERENDERED, of_warped)).astype(np.uint8)
+        return origins(self.target, self.registers.warp == 0, self.rendered, self.warped)
 
     @property
     def shares(self) -> dict[str, float]:
         """The share of the target's pixels of each kind, and of its tiles that are rendered."""
-        counts = np.bincount(self.origin.reshape(-1), minlength=len(KINDS)) / self.origin.size
-        return {**{name: float(counts[kind]) for name, kind in KINDS.items()},
-                "tiles_foveal": float((self.registers.warp == 0).mean()),
-                "tiles_rerendered": float((self.rendered & (self.registers.warp == 1)).mean())}
+        return kind_shares(self.origin, self.registers.warp == 0, self.rendered)
 
     @property
     def images(self) -> tuple[np.ndarray, np.ndarray]:
@@ -102,13 +99,35 @@ class StereoFrame:
         """The machine's counts for stereo, by the names of `spec.registers.STEREO_EVENTS`."""
         return {**self.warped.events, "target_tiles": int(self.rendered.sum())}
 
-    def _per_pixel(self, tiles: np.ndarray) -> np.ndarray:
-        r = self.source.registers
-        expanded = tiles.reshape(r.tiles_y, r.tiles_x).repeat(TILE, axis=0).repeat(TILE, axis=1)
-        return expanded[: r.height, : r.width]
+
+def per_pixel(frame: pipeline.Frame, tiles: np.ndarray) -> np.ndarray:
+    """(H, W) bool of (tiles,) bool."""
+    r = frame.registers
+    expanded = tiles.reshape(r.tiles_y, r.tiles_x).repeat(TILE, axis=0).repeat(TILE, axis=1)
+    return expanded[: r.height, : r.width]
 
 
-def _warnings(frame: pipeline.Frame, pair: StereoPair, moved: np.ndarray) -> list[str]:
+def over_warped(target: pipeline.Frame, rendered: np.ndarray, warped: warp_unit.WarpedFrame) -> np.ndarray:
+    """(H, W) DisplayPixel records of a target eye: its (tiles,) bool rendered tiles over the warped frame."""
+    return np.where(per_pixel(target, rendered), display_pixels(target), warped.pixels)
+
+
+def origins(target: pipeline.Frame, known: np.ndarray, rendered: np.ndarray, warped: warp_unit.WarpedFrame) -> np.ndarray:
+    """(H, W) uint8: where each pixel of a target eye comes from, one of KINDS, or HOLE in a tile with holes that is not
+    rendered. `known` and `rendered` are (tiles,) bool: the tiles that may not be warped, and all tiles that are rendered."""
+    of_warped = np.array([HOLE, WARPED, BACKGROUND, FILLED], np.uint8)[warped.origin]
+    of_warped = np.where(per_pixel(target, rendered), RERENDERED, of_warped)
+    return np.where(per_pixel(target, known), RENDERED, of_warped).astype(np.uint8)
+
+
+def kind_shares(origin: np.ndarray, known: np.ndarray, rendered: np.ndarray) -> dict[str, float]:
+    """The share of the pixels of each kind in `origins`, of the tiles that may not be warped, and of those that are rendered
+    because of their holes."""
+    return {**{name: float((origin == kind).mean()) for name, kind in KINDS.items()},
+            "tiles_foveal": float(known.mean()), "tiles_rerendered": float((rendered & ~known).mean())}
+
+
+def warp_warnings(frame: pipeline.Frame, pair: StereoPair, moved: np.ndarray) -> list[str]:
     """Warnings about a source frame that has no usable depth, or whose disparities are too large for the frame or the
     machine."""
     n, t = frame.config.formats, frame_pixels(frame)["transmittance"]
@@ -177,7 +196,7 @@ def render_stereo(
     registers = stereo_registers(config, source.registers, words, pair, target_foveation, warp)
 
     warped = warp_unit.warp(config, frame_pixels(source), registers.disparity_scale, registers.source_right)
-    warnings += _warnings(source, pair, warped.moved)
+    warnings += warp_warnings(source, pair, warped.moved)
     rendered = (registers.warp == 0) | warped.invalid
     target = pipeline.render_frame(config, words, registers.target, beta=beta, obb=obb, rendered=rendered)
     return StereoFrame(pair, registers, source, warped, rendered, target, (gaze, gaze_target), target_foveation, threshold_deg,

@@ -9,14 +9,16 @@ import numpy as np
 
 from golden.host.joint_registers import JointRegisters, joint_registers
 from golden.host.quantise import GaussianWords, quantise_model
-from golden.host.registers import frame_registers
+from golden.host.registers import FrameRegisters, frame_registers
 from golden.kernels import work_clock
 from golden.msv2_ref import projection, sort
+from golden.msv2_ref.array import ArraySplats, Pixels
 from golden.msv2_ref.buckets import Bounds, check_bounds, no_bounds
 from golden.msv2_ref.chunk_test import read_chunks
 from golden.msv2_ref.pipeline import Frame, array_pixels, array_splats, check_request, found_intersections, render_frame
 from golden.msv2_ref.ranges import range_of
 from golden.msv2_ref.supertiles import SuperGrid, eye_pairs, index_words, list_counts, merge_lists, ranked_splats, super_grid
+from golden.msv2_ref.tile_test import Intersections
 from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveation
 from golden.scenes.model import GaussianModel
 from golden.scenes.stereo import StereoPair, check_gaze, target_gaze
@@ -162,6 +164,20 @@ def find_joint_pairs(
         levels, (places[SOURCE], places[TARGET]))
 
 
+def of_tiles(entries: Intersections, tiles: np.ndarray) -> tuple[Intersections, np.ndarray]:
+    """The intersections of some of the tiles, (tiles,) bool, and their rows among all."""
+    here = np.flatnonzero(tiles[range_of(entries.start)])
+    start = np.concatenate(([0], np.cumsum(np.diff(entries.start) * tiles)))
+    return entries._replace(start=start, splat=entries.splat[here], use=entries.use[here]), here
+
+
+def some_pixels(
+    config: AcceleratorConfig, registers: FrameRegisters, splats: ArraySplats, entries: Intersections, tiles: np.ndarray,
+) -> Pixels:
+    """The pixels of some of the tiles, (tiles,) bool, from the intersections of all; those of the others are 0."""
+    return array_pixels(config, registers, splats, of_tiles(entries, tiles)[0], tiles)
+
+
 def joint_grids(registers: JointRegisters) -> tuple[SuperGrid, SuperGrid]:
     """How the tiles of source and target lie in the joint super-tiles."""
     columns = joint_columns(registers.source.tiles_x, registers.shift)
@@ -175,7 +191,8 @@ def render_joint_frame(
     bounds: Bounds | None = None,
 ) -> JointFrame:
     """The machine's part of a joint frame, after the host has written the registers; `beta`, `obb` and `bounds` are as in
-    `pipeline.render`.
+    `pipeline.render`. Where the target is warped, its pixels here are those of the known tiles alone (`spec.joint_warp`), and
+    all of its intersections are those of the lists.
 
     Raises:
         InputError: see `spec.joint.check_joint`.
@@ -189,7 +206,8 @@ def render_joint_frame(
         entries, regions = found_intersections(config, words, eye, mine, order, obb=obb, rendered=None)
         lit = registers.source if registers.shared_colour else eye
         splats = array_splats(config, words, lit, mine, order)
-        pixels = array_pixels(config, eye, splats, entries)
+        pixels = some_pixels(config, eye, splats, entries, registers.warping.known) if (
+            registers.warping and eye is registers.target) else array_pixels(config, eye, splats, entries)
         drawn.append(Frame(config, eye, words, mine, entries, np.zeros(0, np.int64), splats, pixels,
                            {"eye": work_clock() - begin}, regions=regions))
     source, target = drawn
@@ -203,13 +221,53 @@ def render_joint_frame(
 
 def _gazed_depth(
     config: AcceleratorConfig, words: GaussianWords, pair: StereoPair, foveation: FoveationMap, gaze: tuple[float, float],
+    warped: bool,
 ) -> float:
     """The source's depth at its gaze; of the frame, only the tile that is looked at is rendered."""
-    camera = pair.source
-    registers = frame_registers(config, camera, words, foveation, np.zeros(3))
+    camera, baseline_px = pair.source, float(pair.disparity(1.0)) if warped else None
+    registers = frame_registers(config, camera, words, foveation, np.zeros(3), baseline_px)
     column, row = min(int(gaze[0]), camera.width - 1), min(int(gaze[1]), camera.height - 1)
     rendered = np.arange(len(registers.header)) == row // TILE * registers.tiles_x + column // TILE
     return float(render_frame(config, words, registers, rendered=rendered).depth[row, column])
+
+
+class JointViews(NamedTuple):
+    """What both eyes look at: the model's words, each eye's gaze and the levels of its tiles, and a warning for the user."""
+
+    words: GaussianWords
+    gaze: tuple[tuple[float, float], tuple[float, float]]
+    foveations: tuple[FoveationMap, FoveationMap]
+    warning: str | None
+
+    def seen_in(self, frame: JointFrame, pair: StereoPair) -> JointFrame:
+        """The frame with what is known of its eyes."""
+        return replace(frame, pair=pair, gaze=self.gaze, foveations=self.foveations,
+                       warnings=(self.warning,) if self.warning else ())
+
+
+def joint_views(
+    model: GaussianModel | GaussianWords, pair: StereoPair, config: AcceleratorConfig, foveation: FoveationMap | None,
+    gaze: tuple[float, float] | None, gaze_target: tuple[float, float] | None, shift: int | None, *, warped: bool,
+) -> JointViews:
+    """What both eyes of a joint frame look at; the arguments and what is raised are those of `render_joint`. If it is to be
+    `warped`, the target's gaze counts even where nothing is foveated."""
+    camera = pair.source
+    display = Display(camera.width, camera.height)
+    check_joint(config, -(-camera.width // TILE), -(-camera.height // TILE), shift or 0)
+    words = model if isinstance(model, GaussianWords) else quantise_model(config, model)
+    check_request(config, words, camera, foveation)
+    gaze = (foveation and foveation.gaze_xy) or gaze or (camera.width / 2, camera.height / 2)
+    check_gaze(f"{pair.source_eye} (source)", gaze, camera)
+    foveated, warning = foveation is not None and foveation.gaze_xy is not None, None
+    levels = foveation or no_foveation(display)
+    if gaze_target is not None:
+        check_gaze(f"{pair.target_eye} (target)", gaze_target, camera)
+    else:
+        known = (foveated or warped) and config.depth
+        depth = _gazed_depth(config, words, pair, levels, gaze, warped) if known else np.inf
+        gaze_target, warning = target_gaze(pair, gaze, depth)
+    foveations = levels, foveation_map(display, gaze_target, foveation.levels) if foveated else no_foveation(display)
+    return JointViews(words, (gaze, gaze_target), foveations, warning)
 
 
 def render_joint(
@@ -236,21 +294,8 @@ def render_joint(
         InputError: as for `pipeline.render`, or a gaze is off-screen; or see `spec.joint.check_joint`.
         ValueError: the shift is out of range.
     """
-    camera = pair.source
-    display = Display(camera.width, camera.height)
-    check_joint(config, -(-camera.width // TILE), -(-camera.height // TILE), shift or 0)
-    words = model if isinstance(model, GaussianWords) else quantise_model(config, model)
-    check_request(config, words, camera, foveation)
-    gaze = (foveation and foveation.gaze_xy) or gaze or (camera.width / 2, camera.height / 2)
-    check_gaze(f"{pair.source_eye} (source)", gaze, camera)
-    foveated, warning = foveation is not None and foveation.gaze_xy is not None, None
-    levels = foveation or no_foveation(display)
-    if gaze_target is not None:
-        check_gaze(f"{pair.target_eye} (target)", gaze_target, camera)
-    else:
-        depth = _gazed_depth(config, words, pair, levels, gaze) if foveated and config.depth else np.inf
-        gaze_target, warning = target_gaze(pair, gaze, depth)
-    foveations = levels, foveation_map(display, gaze_target, foveation.levels) if foveated else no_foveation(display)
-    registers = joint_registers(config, words, pair, foveations, background, shift=shift, shared_colour=shared_colour)
-    frame = render_joint_frame(config, words, registers, beta=beta, obb=obb, bounds=bounds)
-    return replace(frame, pair=pair, gaze=(gaze, gaze_target), foveations=foveations, warnings=(warning,) if warning else ())
+    views = joint_views(model, pair, config, foveation, gaze, gaze_target, shift, warped=False)
+    registers = joint_registers(config, views.words, pair, views.foveations, background, shift=shift,
+                                shared_colour=shared_colour)
+    frame = render_joint_frame(config, views.words, registers, beta=beta, obb=obb, bounds=bounds)
+    return views.seen_in(frame, pair)

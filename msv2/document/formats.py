@@ -22,6 +22,7 @@ from spec import (
     guard_band,
     harmonics,
     joint,
+    joint_warp,
     memory,
     packed,
     queues,
@@ -123,7 +124,7 @@ def supertiles_section() -> list[str]:
 
 def joint_section() -> list[str]:
     """Frames of two eyes on machines with super-tiles; no record of theirs exists yet."""
-    return ["## Joint frames", "", doc_of(joint), ""]
+    return ["## Joint frames", "", doc_of(joint), "", "### Joint frames with a warped target", "", doc_of(joint_warp), ""]
 
 
 def stereo_section() -> list[str]:
@@ -166,7 +167,8 @@ def records_section() -> list[str]:
 def constants_section() -> list[str]:
     """Constants with their values and derivations, then the integers derived from them."""
     lines = ["## Constants", ""]
-    for module in (constants, harmonics, tables, records, memory, chunks, compact, supertiles, joint, packed, stereo, queues):
+    for module in (constants, harmonics, tables, records, memory, chunks, compact, supertiles, joint, joint_warp, packed,
+                   stereo, queues):
         rows = [[f"`{name}`", _values(getattr(module, name)), doc] for name, doc in _module_docs(module).items()]
         lines += [f"`{module.__name__}`", "", *table(("name", "value", "derivation"), rows)]
     n = DEFAULT.formats

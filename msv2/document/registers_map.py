@@ -14,7 +14,7 @@ from spec.config import PAPER, AcceleratorConfig
 from spec.host_settings import with_every_register
 from spec.register_fields import Register
 
-EVERY_MACHINE, SUPERTILE_MACHINE, JOINT_MACHINE = with_every_register(PAPER)
+EVERY_MACHINE, SUPERTILE_MACHINE, JOINT_MACHINE, WARP_MACHINE = with_every_register(PAPER)
 """The machines of the documents in docs/, which describe the first and what the others have besides. Together they have all
 registers; those that not all machines have are marked."""
 
@@ -23,12 +23,13 @@ GROUPS = {
     "Counters": registers.COUNTERS_BASE, "": 1 << registers.REGISTER_ADDRESS_BITS}
 """Headings and the first address of each."""
 
-_SUPERTILE = {register.name: register for machine in (JOINT_MACHINE, SUPERTILE_MACHINE)
+_SUPERTILE = {register.name: register for machine in (WARP_MACHINE, JOINT_MACHINE, SUPERTILE_MACHINE)
               for register in registers.register_map(machine)}
 
 _ADDED = {
     register.name: f" (only with {what})"
-    for what, machine in (("joint frames", JOINT_MACHINE), ("overlapped phases", SUPERTILE_MACHINE),
+    for what, machine in (("joint frames with a warped eye", WARP_MACHINE), ("joint frames", JOINT_MACHINE),
+                          ("overlapped phases", SUPERTILE_MACHINE),
                           ("packed frames", SUPERTILE_MACHINE.with_(overlap=False)),
                           ("super-tiles", JOINT_MACHINE.with_(joint=False)),
                           ("chunks", PAPER.with_(order="spatial", chunks=True)), ("stereo", PAPER.with_(stereo=True)))

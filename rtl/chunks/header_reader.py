@@ -37,28 +37,30 @@ class ChunkWalk(wiring.Component):
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        # the run that is walked through, the first part's run of these turns, the distance between parts, and the end of all
-        run, first, apart, end = (Signal(len(self.count) + 1, name=name) for name in ("run", "first", "apart", "end"))
+        # the run that is walked through, the first part's run of these turns, the distance between parts, and the last number
+        run, first, apart, tail = (Signal(len(self.count) + 1, name=name) for name in ("run", "first", "apart", "tail"))
         place, left = Signal(range(CHUNK_RUN)), Signal.like(self.count)
-        following, turns = Signal.like(end), Signal()
         places, parts = CHUNK_RUN.bit_length() - 1, CHUNK_STREAMS.bit_length() - 1
         runs = (self.count + (CHUNK_RUN * CHUNK_STREAMS - 1)) >> (places + parts)
-        # A run from here on is the last of its turn. It is known two cycles after `start`, before a run with another behind
-        # it can end.
-        limit = Signal(signed(len(end) + 1), reset_less=True)
-        m.d.sync += limit.eq(end - apart)
+        # What follows the run is known two cycles after its first number, and after `start` three, before a whole run can end.
+        # Only the last part's last run may be shorter. It is the last of its turn, and the first part's next run is known.
+        limit, following = Signal(signed(len(tail) + 1), reset_less=True), Signal.like(tail)
+        along, around, turns = Signal.like(tail, reset_less=True), Signal.like(tail, reset_less=True), Signal(reset_less=True)
+        ends, over = Signal(), Signal()
+        m.d.sync += [
+            limit.eq(tail - apart), turns.eq(run > limit), along.eq(run + apart), around.eq(first + CHUNK_RUN)]
         m.d.comb += [
-            self.busy.eq(left.any()), turns.eq(run >= limit),
-            following.eq(Mux(turns, first + CHUNK_RUN, run + apart))]
+            self.busy.eq(left.any()), ends.eq(self.number == tail), over.eq(turns | ends),
+            following.eq(Mux(over, around, along))]
         with m.If(self.start):
             m.d.sync += [
                 self.number.eq(self.base), run.eq(self.base), first.eq(self.base), place.eq(0), left.eq(self.count),
-                end.eq(self.base + self.count), apart.eq(runs << places)]
+                tail.eq(self.base + self.count - 1), apart.eq(runs << places)]
         with m.Elif(self.step):
             m.d.sync += left.eq(left - 1)
-            with m.If(place.all() | (self.number + 1 == end)):
+            with m.If(place.all() | ends):
                 m.d.sync += [self.number.eq(following), run.eq(following), place.eq(0)]
-                with m.If(turns):
+                with m.If(over):
                     m.d.sync += first.eq(following)
             with m.Else():
                 m.d.sync += [self.number.eq(self.number + 1), place.eq(place + 1)]

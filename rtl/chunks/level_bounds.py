@@ -56,7 +56,7 @@ class LevelBounds(wiring.Component):
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         self._octagon, self._bits, self._masked, self._joint = (
-            octagon_layout(config), place_bits(config), config.stereo, config.joint)
+            octagon_layout(config), place_bits(config), config.two_passes, config.joint)
         super().__init__({
             "item": In(layout(tile_level(config))), "taken": In(1), "clear": In(1), "tiles_x": In(TILE_BITS + 1),
             "bounds": Out(data.ArrayLayout(self._octagon, MAX_LEVELS)), **({"other": In(1)} if config.joint else {}),

@@ -3,7 +3,7 @@ other."""
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Mux, Signal, Value
+from amaranth.hdl import Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -13,10 +13,16 @@ from rtl.stream import Buffer
 from rtl.supertiles.eyes import origin_of
 from spec.config import AcceleratorConfig
 from spec.joint import eye_point
-from spec.records import gaussian_point, projected_splat
+from spec.records import COUNT_BITS, gaussian_point, projected_splat
 
 COUNTS = ("culled_near", "culled_faint", "culled_outside", "saturated_means")
 """What `EyeCulls` counts in a frame."""
+
+
+def turn_layout() -> data.StructLayout:
+    """The pairs of a super-tile in the second phase of machines with a warp unit: how many there are, whether they are
+    projected for both eyes, and if not, whether for the target."""
+    return data.StructLayout({"pairs": COUNT_BITS, "both": 1, "target": 1})
 
 
 class EyePoints(wiring.Component):
@@ -31,6 +37,11 @@ class EyePoints(wiring.Component):
             `end` comes once, with `eye` 0.
         joint, position, target_position: settings.
 
+    In machines with a warp unit (`spec.joint_warp`) a pair of the second phase may have an item for a single eye:
+        rendering: the phase is the second one; changes only while the unit is empty.
+        turns: in the second phase an item for each super-tile, in order: how many pairs it has, and for which eyes they are
+            projected. No pair of it is taken before.
+
     Throughput: an item at `eyes` a cycle. Latency: one cycle. In a joint frame::
 
         cycle         0      1      2      3
@@ -40,23 +51,44 @@ class EyePoints(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
+        self._warps = config.warps_joint
         super().__init__({
-            **setting_ports(config, ("joint", "position", "target_position")),
+            **setting_ports(config, ("joint", "position", "target_position")), **(
+                {"rendering": In(1), "turns": In(stream.Signature(turn_layout()))} if config.warps_joint else {}),
             "points": In(stream.Signature(layout(gaussian_point(config)))),
             "eyes": Out(stream.Signature(layout(eye_point(config))))})
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
         point, out, again = self.points.payload, self.eyes, Signal()
-        m.d.comb += self.points.ready.eq(~out.valid | out.ready & ~again)
+        free, both, second = ~out.valid | out.ready & ~again, self.joint & ~point.end, Const(0)
+        taken = self.points.valid & self.points.ready
+        if self._warps:
+            turn, left = self._turn(m, taken)
+            both = Mux(self.rendering, turn.both, both)
+            second, free = self.rendering & turn.target, free & (~self.rendering | left)
+            with m.If(taken):
+                m.d.sync += out.payload.alone.eq(self.rendering & self.joint & ~turn.both)
+        m.d.comb += self.points.ready.eq(free)
         with m.If(out.ready):
             m.d.sync += [out.valid.eq(again), again.eq(0), out.payload.eye.eq(1), out.payload.position.eq(self.target_position)]
-        with m.If(self.points.valid & self.points.ready):
+        with m.If(taken):
             m.d.sync += [
-                out.valid.eq(1), again.eq(self.joint & ~point.end), out.payload.eye.eq(0),
-                out.payload.position.eq(self.position),
+                out.valid.eq(1), again.eq(both), out.payload.eye.eq(second),
+                out.payload.position.eq(Mux(second, self.target_position, self.position) if self._warps else self.position),
                 *(out.payload[name].eq(point[name]) for name in point.shape().members)]
         return m
+
+    def _turn(self, m: Module, taken: Value) -> tuple[data.View, Value]:
+        """For which eyes the pairs of the super-tile are projected, and whether it has any left."""
+        turn, left = Signal(self.turns.payload.shape(), reset_less=True), Signal(COUNT_BITS)
+        last = (left == 1) & taken
+        m.d.comb += self.turns.ready.eq(self.rendering & (~left.any() | last))
+        with m.If(taken & self.rendering):
+            m.d.sync += left.eq(left - 1)
+        with m.If(self.turns.valid & self.turns.ready):
+            m.d.sync += [turn.eq(self.turns.payload), left.eq(self.turns.payload.pairs)]
+        return turn, left.any()
 
 
 def judged_splat(config: AcceleratorConfig) -> data.StructLayout:
@@ -91,6 +123,7 @@ class EyeCulls(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
+        self._warps = config.warps_joint
         super().__init__({
             **setting_ports(config, ("joint", "shift")), "rendering": In(1),
             "judged": In(stream.Signature(judged_splat(config))),
@@ -105,7 +138,8 @@ class EyeCulls(wiring.Component):
         key, behind, seen = Signal.like(found.depth_key, name="source_key", reset_less=True), Signal(), Signal()  # the source's
         second, culled, visible, passes, taken, counts = Signal(), Signal(), Signal(), Signal(), Signal(), Signal()
         m.d.comb += [
-            second.eq(found.eye), culled.eq(item.faint | Mux(second, behind, item.behind)),
+            second.eq(found.eye & ~found.alone if self._warps else found.eye),
+            culled.eq(item.faint | Mux(second, behind, item.behind)),
             visible.eq(~(culled | item.behind | item.unboxed | item.beyond)),
             passes.eq(found.end | visible | self.rendering),
             out.eq(found), out.none.eq(~visible & ~found.end),

@@ -173,7 +173,7 @@ def _carried(config: AcceleratorConfig) -> data.StructLayout:
     survivor = survivor_layout(config)
     return data.StructLayout({
         name: survivor[name].shape for name in ("index", "bound", "log2_opacity", "offset", "depth", "end", *(
-            ("eye", "behind", "faint") if config.joint else ()))})
+            ("eye", "behind", "faint") if config.joint else ()), *(("alone",) if config.warps_joint else ()))})
 
 
 def projection_shared(config: AcceleratorConfig) -> SharedDatapath:
@@ -234,7 +234,8 @@ class Projection(wiring.Component):
             for name, _ in self._carried:
                 if name in self._splat.members:
                     m.d.comb += splat[name].eq(found.carried[name])
-            others = {name: splat[name] for name, _ in self._splat if name not in self._carried.members and name != "none"}
+            others = {name: splat[name] for name, _ in self._splat
+                      if name not in self._carried.members and name not in ("none", "wanted")}
             for name, value in flatten(others).items():
                 m.d.comb += value.eq(found[name])
         m.d.comb += [

@@ -13,6 +13,7 @@ from rtl.culling.near import NearTest
 from rtl.culling.projection import Projection
 from rtl.culling.shared_datapath import DatapathSide
 from rtl.shapes import layout
+from rtl.stream import Skid
 from spec.config import AcceleratorConfig
 from spec.records import gaussian_point, projected_splat
 
@@ -55,9 +56,10 @@ class ProjectionUnit(wiring.Component):
     With joint frames (`EyeCulls`):
         joint, shift, target_position: settings, as well.
         rendering: the phase is the second one; changes only while the unit is empty.
+        turns: with a warp unit, as in `EyePoints`.
 
     Throughput: one Gaussian every `point_interval` cycles, culled or not, while the source is taken. Latency: about 120 to
-    150 cycles. Storage: the datapaths' output queues, with space for all Gaussians in the pipeline.
+    150 cycles. Storage: the datapaths' output queues, with space for all Gaussians in the pipeline, and one splat.
     """
 
     def __init__(self, config: AcceleratorConfig, sides: tuple[DatapathSide, DatapathSide] | None = None) -> None:
@@ -65,6 +67,7 @@ class ProjectionUnit(wiring.Component):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         super().__init__({
             **setting_ports(config, settings(config)), **({"rendering": In(1)} if config.joint else {}),
+            **({"turns": In(stream.Signature(eyes.turn_layout()))} if config.warps_joint else {}),
             "sink": In(stream.Signature(layout(gaussian_point(config)))),
             "source": Out(stream.Signature(layout(projected_splat(config)))),
             **{name: Out(COUNTER_BITS) for name in COUNTS}})
@@ -74,28 +77,33 @@ class ProjectionUnit(wiring.Component):
     def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.near_test, m.submodules.projection = self.near_test, self.projection
+        m.submodules.leaving = splats = Skid(self.source.payload.shape())  # the tile test's `ready` comes late
+        wiring.connect(m, splats.source, wiring.flipped(self.source))
         for unit, names in ((self.near_test, near.settings(self._config)), (self.projection, projection.SETTINGS)):
             m.d.comb += [getattr(unit, name).eq(getattr(self, name)) for name in names]
         if self._config.joint:
-            self._eyes(m)
+            self._eyes(m, splats)
             return m
         wiring.connect(m, wiring.flipped(self.sink), self.near_test.sink)
         wiring.connect(m, self.near_test.source, self.projection.sink)
-        wiring.connect(m, self.projection.source, wiring.flipped(self.source))
+        wiring.connect(m, self.projection.source, splats.sink)
         m.d.comb += [
             self.culled_near.eq(self.near_test.culled_near), self.culled_faint.eq(self.near_test.culled_faint),
             self.culled_outside.eq(self.projection.culled_outside), self.saturated_means.eq(self.projection.saturated_means)]
         return m
 
-    def _eyes(self, m: Module) -> None:
-        """Adds what machines with joint frames have around near test and projection."""
+    def _eyes(self, m: Module, splats: Skid) -> None:
+        """Adds what machines with joint frames have around near test and projection, up to the splats that leave."""
         m.submodules.points = points = EyePoints(self._config)
         m.submodules.culls = culls = EyeCulls(self._config)
         wiring.connect(m, wiring.flipped(self.sink), points.points)
         wiring.connect(m, points.eyes, self.near_test.sink)
         wiring.connect(m, self.near_test.source, self.projection.sink)
         wiring.connect(m, self.projection.source, culls.judged)
-        wiring.connect(m, culls.splats, wiring.flipped(self.source))
+        wiring.connect(m, culls.splats, splats.sink)
         for unit, names in ((points, ("joint", "position", "target_position")), (culls, ("joint", "shift", "rendering"))):
             m.d.comb += [getattr(unit, name).eq(getattr(self, name)) for name in names]
+        if self._config.stereo:
+            wiring.connect(m, wiring.flipped(self.turns), points.turns)
+            m.d.comb += points.rendering.eq(self.rendering)
         m.d.comb += [getattr(self, name).eq(getattr(culls, name)) for name in COUNTS]

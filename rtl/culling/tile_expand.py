@@ -18,7 +18,7 @@ from spec.records import TILE_BITS, Record, intersection_item, projected_splat, 
 
 def kept_record(config: AcceleratorConfig) -> Record:
     """The fields of a splat that intersections and survivors need."""
-    wanted = {f.name for f in surviving_splat(config).fields} - {"end"} | {"depth_key"}
+    wanted = {f.name for f in surviving_splat(config).fields} - {"end"} | {"depth_key", "wanted"}
     return Record("KeptSplat", kept_record.__doc__, tuple(f for f in projected_splat(config).fields if f.name in wanted))
 
 

@@ -16,4 +16,7 @@
     batch_masks   the tiles of a batch's places, as words by tile
     batch_visits  the visits of a batch's tiles, and the places of their entries
     eyes          what units of machines with joint frames have in common
+    list_replay   the lists once more, for tiles of a warped eye with holes
+    sweep_turns   for which eyes the pairs of a super-tile are projected, where one may be warped
+    warp_strips   the warp unit for two rows of tiles at a time, and the tiles with holes by super-tile
 """

@@ -69,7 +69,8 @@ class BatchBuffer(wiring.Component):
         supertiles: SuperTile items, empty super-tiles too, in order; in joint frames that of the target behind that of the
             source.
         places: BatchPlace items of these super-tiles, in order; each super-tile gets as many with `last` as it has pairs. A
-            place is an entry of those tiles of its mask, in its eye, that have its level.
+            place is an entry of those tiles of its mask, in its eye, that have its level. In machines with a warp unit an item
+            with `none` ends a pair and is no place.
         done, current: from the array: tiles of super-tile number `current`, as `batch_tiles` counts them, of which all pixels
             have stopped. A bit that is set stays so until `current` changes. Bits count while `current` is the sequence number
             of the visit's super-tile.
@@ -151,17 +152,20 @@ class BatchBuffer(wiring.Component):
         ready, settled = (reduce(and_, (getattr(unit, name) for unit in masks)) for name in ("ready", "settled"))
         low = len(banks).bit_length() - 1
         eyes = self._eyes(m, tile)
+        # an item without a place counts as a pair alone; the masks need to know if it closes a batch
+        filled, whole, marked = (taken & ~place.none, place.last & ~place.none, taken & (~place.none | ends)) if (
+            self.config.warps_joint) else (taken, place.last, taken)
         m.d.comb += [
             self.places.ready.eq(open_ & ready & ~full.bit_select(half, 1)),
             taken.eq(self.places.valid & self.places.ready),
             last_pair.eq(place.last & (left == 1)),
-            ends.eq(last_pair | place.last & (count >= eyes.limit)),
+            ends.eq(last_pair | whole & (count >= eyes.limit)),
             *(port.eq(value) for number, write in enumerate(banks) for port, value in (
-                (write.en, taken & (count[:low] == number) if low else taken),
+                (write.en, filled & (count[:low] == number) if low else filled),
                 (write.addr, Cat(count[low:] if low else count, half)),
                 *((write.data[name], place[name]) for name in write.data.shape().members))),
             *(port.eq(value) for number, unit in enumerate(masks) for port, value in (
-                (unit.take, taken), (unit.closes, ends), (unit.half, half), (unit.begin, passes),
+                (unit.take, marked), (unit.closes, ends), (unit.half, half), (unit.begin, passes),
                 (unit.tiles, self._own_tiles(place, place.mask[number] if len(masks) > 1 else place.mask, tile, eyes.target)))),
             batches.valid.eq(closed & settled & ~full.bit_select(half, 1)),
             *(batch[name].eq(self._of_eyes(name, tile, eyes.target))
@@ -172,7 +176,7 @@ class BatchBuffer(wiring.Component):
         ]
         m.d.sync += full.eq(full & ~released | Cat(passes & ~half, passes & half))
         with m.If(taken):
-            m.d.sync += [count.eq(count + 1), left.eq(left - place.last)]
+            m.d.sync += [count.eq(count + (~place.none if self.config.warps_joint else 1)), left.eq(left - place.last)]
             with m.If(ends):
                 m.d.sync += [open_.eq(0), closed.eq(1), final.eq(last_pair)]
         with m.If(passes):

@@ -7,7 +7,7 @@ Words without a place are not written. A bit for each word says whether it has o
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, memory, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -40,6 +40,17 @@ def lowest(bits: Value) -> Value:
     while reach < len(bits):
         below, reach = below | (below << reach)[:len(bits)], 2 * reach
     return bits & ~below
+
+
+def several(bits: Value) -> Value:
+    """Whether more than one bit is set. It does not wait for `lowest`, and is as deep as the logarithm of the number of
+    bits."""
+    parts = [(bit, Const(0)) for bit in bits]  # whether a part has a bit that is set, and whether it has several
+    while len(parts) > 1:
+        pairs = [(one | other, more | others | one & other)
+                 for (one, more), (other, others) in zip(parts[::2], parts[1::2], strict=False)]
+        parts = pairs + parts[2 * len(pairs):]
+    return parts[0][1]
 
 
 def place_of(one_hot: Value) -> Value:
@@ -118,7 +129,7 @@ class BatchMasks(wiring.Component):
         columns = (Cat(row[tile] for row in held) for tile in range(tiles))
         m.d.comb += [
             first.eq(lowest(left)),
-            moves.eq(complete & ~(left & ~first).any()),
+            moves.eq(complete & ~several(left)),
             write.en.eq(left.any()), write.addr.eq(Cat(word, place_of(first), half)), write.data.eq(select(first, columns)),
             self.waiting.eq(left), self.waiting_half.eq(half),
             read.en.eq(self.read_en), read.addr.eq(Cat(self.read_word, self.read_tile, self.read_half)),

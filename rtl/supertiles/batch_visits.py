@@ -19,10 +19,10 @@ from amaranth.lib.wiring import In, Out
 from rtl.select import select
 from rtl.shapes import layout
 from rtl.stream import Buffer
-from rtl.supertiles.batch_masks import lowest, mask_places, mask_words, place_of, word_bits
+from rtl.supertiles.batch_masks import lowest, mask_places, mask_words, place_of, several, word_bits
 from rtl.supertiles.eyes import joint_settings, origins
 from spec.config import AcceleratorConfig
-from spec.constants import SUPER_X
+from spec.constants import SUPER_TILES, SUPER_X
 from spec.supertiles import (
     SEQUENCE_BITS,
     SUPER_PLACES,
@@ -151,8 +151,8 @@ class BatchVisits(wiring.Component):
             tile.words.eq(select(chosen, batch.summary)),
             tile.tile.eq(place_of(chosen)), tile.half.eq(batch.half), tile.sequence.eq(batch.sequence),
             tile.level.eq(select(chosen, batch.level)), tile.blend.eq((chosen & batch.blend).any()),
-            tile.visit.eq(wanted.any()), tile.closes.eq(~rest.any()),
-            visit.tile_x.eq(self._column(m, tile, batch.x | tile.tile[:column])),
+            tile.visit.eq(wanted.any()), tile.closes.eq(~several(wanted)),
+            visit.tile_x.eq(self._column(m, chosen, batch.x, tile.tile[:column])),
             visit.tile_y.eq(batch.y | tile.tile[column:SUPER_PLACES]),
             visit.outer.eq(tile.level.any()), visit.blend.eq(tile.blend), visit.plane.eq(select(chosen, planes)),
             visit.place.eq(tile.tile[:SUPER_PLACES]), visit.sequence.eq(batch.sequence),
@@ -172,12 +172,26 @@ class BatchVisits(wiring.Component):
                 m.d.sync += [batch.eq(comes), left.eq(comes.inside & (comes.final.replicate(count) | used))]
         return valid
 
-    def _column(self, m: Module, tile: data.View, column: Value) -> Value:
-        """The column of a tile in its eye's frame, from that in the grid of super-tiles."""
+    def _column(self, m: Module, chosen: Value, first: Value, place: Value) -> Value:
+        """The column of the chosen tile in its eye's frame; `first` is that of the super-tile in the grid of super-tiles, and
+        `place` the tile's in the super-tile.
+
+        How far every column of tiles lies from `first` follows from the settings, and an origin is at most the width of a
+        super-tile. So nothing is added behind the choice: the low bits and the borrow are chosen, and the borrow chooses the
+        high bits. The distances are registered: settings are stable long before they are used.
+        """
         if not self.config.joint:
-            return column
-        source, target = origins(m, self.joint, self.shift)
-        return column - Mux(tile.tile[-1], target, source)
+            return first | place
+        low, offset = (SUPER_X - 1).bit_length(), Signal((SUPER_X - 1).bit_length() + 1)
+        away, columns = [], []
+        for eye, origin in enumerate(origins(m, self.joint, self.shift)):
+            tiles = chosen[eye * SUPER_TILES:(eye + 1) * SUPER_TILES]
+            for column in range(SUPER_X):
+                away.append(Signal(low + 1, name=f"away_{eye}_{column}", reset_less=True))
+                m.d.sync += away[-1].eq(column - origin)
+                columns.append(tiles[column::SUPER_X].any())
+        m.d.comb += offset.eq(select(columns, away))
+        return Cat(offset[:low], Mux(offset[low], first[low:] - 1, first[low:]))
 
     def _choose_words(
         self, m: Module, tiles: stream.Interface, words: stream.Interface, stopped: Callable[[Value], Value],
@@ -189,7 +203,7 @@ class BatchVisits(wiring.Component):
         m.d.comb += [
             waits.eq(self.waiting.bit_select(tile.tile, 1) & (self.waiting_half == tile.half)),
             is_stopped.eq(stopped(tile.sequence).bit_select(tile.tile, 1)),
-            first.eq(lowest(tile.words)), rest.eq(tile.words & ~first), final.eq(is_stopped | ~rest.any()),
+            first.eq(lowest(tile.words)), rest.eq(tile.words & ~first), final.eq(is_stopped | ~several(tile.words)),
             goes.eq(valid & (~words.valid | words.ready) & ~waits),
             self.read_en.eq(goes & tile.words.any()),
             self.read_tile.eq(tile.tile), self.read_word.eq(place_of(first)), self.read_half.eq(tile.half),
@@ -217,7 +231,7 @@ class BatchVisits(wiring.Component):
         m.d.comb += [
             has.eq(bits.any() & ~stopped(word.sequence).bit_select(word.tile, 1)),
             first.eq(lowest(bits)), rest.eq(bits & ~first),
-            passes.eq(has | word.ends | word.closes), finished.eq(~has | ~word.ends & ~rest.any()),
+            passes.eq(has | word.ends | word.closes), finished.eq(~has | ~word.ends & ~several(bits)),
             self.items.valid.eq(valid & passes), goes.eq(valid & (self.items.ready | ~passes)),
             item.address.eq(Cat(place_of(first), word.word, word.half)), item.level.eq(word.level), item.blend.eq(word.blend),
             item.end.eq(~has & word.ends), item.none.eq(~has & ~word.ends), item.closes.eq(~has & word.closes),

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, Signal, Value
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.shapes import layout
 from spec.config import AcceleratorConfig
-from spec.constants import SUPER_X, SUPER_Y
+from spec.constants import SUPER_TILES, SUPER_X, SUPER_Y
+from spec.joint import EYES
 from spec.records import COUNT_BITS, TILE_BITS, projected_splat
 from spec.supertiles import check_supertiles, supertile
 
 _PLACES = {"x": SUPER_X.bit_length() - 1, "y": SUPER_Y.bit_length() - 1}
 """Bits of a tile's column and row in its super-tile."""
+
+
+def clip_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """A super-tile as the clip of a machine with a warp unit takes it: where it lies, how many pairs it has, whether each of
+    them has two splats, and which tiles of source and target the sweep renders."""
+    return data.StructLayout({"x": TILE_BITS, "y": TILE_BITS, "pairs": COUNT_BITS, "both": 1,
+                              "wanted": data.ArrayLayout(SUPER_TILES, EYES)})
 
 
 class SuperTileClip(wiring.Component):
@@ -38,6 +46,9 @@ class SuperTileClip(wiring.Component):
         busy: a splat is inside.
         joint: setting; only machines with joint frames have it.
 
+    In machines with a warp unit (`spec.joint_warp`) `supertiles` has `clip_layout` items, one for each super-tile, which also
+    say for how many splats it holds, and `clipped` gets the tiles that the sweep renders in the splat's eye.
+
     Throughput: one splat a cycle, also where the super-tile changes; a super-tile without pairs takes a cycle, in which no
     splat is taken. Latency: one cycle; and one cycle from a super-tile to its first splat where the unit had no pairs left.
     Here the super-tiles A, B and C have 2, 0 and 1 pairs::
@@ -54,10 +65,11 @@ class SuperTileClip(wiring.Component):
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
         check_supertiles(config)
-        self._joint = config.joint
+        self._joint, self._warps = config.joint, config.warps_joint
+        taken = clip_layout(config) if config.warps_joint else layout(supertile(config))
         splats = stream.Signature(layout(projected_splat(config)))
         super().__init__({
-            "splats": In(splats), "supertiles": In(stream.Signature(layout(supertile(config)))), "clipped": Out(splats),
+            "splats": In(splats), "supertiles": In(stream.Signature(taken)), "clipped": Out(splats),
             "rendering": In(1), "busy": Out(1), **({"joint": In(1)} if config.joint else {})})
 
     def elaborate(self, platform: object) -> Module:
@@ -85,10 +97,18 @@ class SuperTileClip(wiring.Component):
         begins = self.supertiles.valid & self.supertiles.ready
         if self._joint:
             self._miss(m, item, taken, start)
+        if self._warps:
+            wanted = Signal(tile.wanted.shape(), reset_less=True)
+            with m.If(taken):
+                m.d.sync += out.payload.wanted.eq(Mux(item.eye, wanted[1], wanted[0]))
+            with m.If(begins):
+                m.d.sync += wanted.eq(tile.wanted)
+        elif self._joint:
             m.d.comb += self.supertiles.ready.eq(self.rendering & (tile.eye | ~left.any() | taken & final))
             begins &= ~tile.eye
         with m.If(begins):
-            pairs = tile.pairs << self.joint if self._joint else tile.pairs
+            twice = tile.both if self._warps else self.joint if self._joint else None
+            pairs = tile.pairs if twice is None else tile.pairs << twice
             m.d.sync += [left.eq(pairs), start["x"].eq(tile.x), start["y"].eq(tile.y)]
         return m
 

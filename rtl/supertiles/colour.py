@@ -12,7 +12,7 @@ from rtl.culling.compact_sum import CompactColourSum
 from rtl.culling.datapath import Datapath
 from rtl.culling.harmonics import OFFSETS, harmonics_graph
 from rtl.shapes import layout
-from rtl.stream import Buffer
+from rtl.stream import Buffer, Skid
 from rtl.supertiles.eyes import joint_settings
 from rtl.supertiles.pair_places import CARRIED, PairPlaces
 from spec.config import AcceleratorConfig
@@ -23,7 +23,7 @@ from spec.queues import COLOURS_BESIDE
 from spec.records import surviving_splat
 from spec.supertiles import batch_place, check_supertiles
 
-_LEFT_OUT = ("index", "offset", "log2_opacity", "end")
+_LEFT_OUT = ("index", "offset", "log2_opacity", "alone", "end")
 
 
 def carried_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -56,7 +56,8 @@ class PairColour(wiring.Component):
 
     Ports:
         survivors: SurvivingSplat items, one per pair, with a level each; `end` is not looked at. In joint frames two per pair,
-            of the source and of the target, of which one may have no level.
+            of the source and of the target, of which one may have no level. In machines with a warp unit a pair may have one,
+            `alone`, and no level at all (`spec.joint_warp`); it then has a place with `none`.
         data: the pairs' beats, in order: CompactColour, and CompactHarmonics where `sh_degree` is not 0. They may come before
             or after their survivors. `error` is not looked at: who reads memory reports errors.
         places: BatchPlace items, pair by pair, for each pair the lowest level first; in joint frames those of the source before
@@ -69,7 +70,8 @@ class PairColour(wiring.Component):
     are more. In joint frames a pair with levels in both eyes takes two intervals, unless both have the same colours; one with
     levels in a single eye may take a cycle more than an interval; and no pair less than two cycles. Latency from the transfer
     of a pair to its first place: that of the datapath, plus the degree's steps and 7 cycles; with degree 0, 3 cycles. Machines
-    with joint frames take a cycle more, with degree 0 two, and in joint frames another one.
+    with joint frames take a cycle more, with degree 0 two, and in joint frames another one. A place may wait in a register at
+    the end, so that `ready` of `places` reaches nothing else in the same cycle.
     """
 
     def __init__(self, config: AcceleratorConfig, *, sh_degree: int = 3) -> None:
@@ -100,7 +102,9 @@ class PairColour(wiring.Component):
     def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.plain, m.submodules.places = plain, places = self._plain, self._places
-        wiring.connect(m, places.places, wiring.flipped(self.places))
+        m.submodules.leaving = leaving = Skid(self.places.payload.shape())  # the batch buffer's `ready` comes late
+        wiring.connect(m, places.places, leaving.sink)
+        wiring.connect(m, leaving.source, wiring.flipped(self.places))
         survivors, basis = self._survivors(m), self._plain_basis(m)
         item = survivors.payload
         carried = Cat(Value.cast(item[name]) for name in basis.payload.carried.shape().members)
@@ -157,9 +161,17 @@ class PairColour(wiring.Component):
         splat, known, has, more, shades, moves = (
             Signal(self._splat, name="splat"), *(Signal(name=name) for name in ("known", "has", "more", "shades", "moves")))
         m.d.sync += once.eq(self.joint & (self.shared_colour | ~self.sh_degree.any()))
+        last, follows, first, empty = ~self.joint | held.eye, self.joint & ~held.eye, ~held.eye, None
+        if self.config.stereo:
+            seen = Signal()  # the pair's item before this one has a level
+            last, follows, first = last | held.alone, follows & ~held.alone, first | held.alone
+            empty = last & ~held.levels.any() & ~seen
+            with m.If(moves):
+                m.d.sync += seen.eq(follows & has)
         m.d.comb += [
-            known.eq(there & (~self.joint | held.eye | self.survivors.valid)), has.eq(held.levels.any()),
-            more.eq(self.joint & ~held.eye & item.levels.any()), shades.eq(Mux(once, ~held.eye, has)),
+            known.eq(there & (last | self.survivors.valid)),
+            has.eq(held.levels.any() if empty is None else held.levels.any() | empty),
+            more.eq(follows & item.levels.any()), shades.eq(Mux(once, first, has)),
             wanted.valid.eq(known & shades & (queue.w_rdy | ~has)), wanted.payload.keep.eq(has & more & ~once),
             moves.eq(known & (wanted.ready | ~shades) & (queue.w_rdy | ~has)),
             queue.w_en.eq(moves & has), queue.w_data.eq(splat), splat.last.eq(~more),

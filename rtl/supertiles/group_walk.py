@@ -39,12 +39,14 @@ def tested_group(config: AcceleratorConfig) -> data.StructLayout:
     """A group of columns of a step: for each tile, by row and column, whether the splat touches it, and whether the filter
     passes this intersection; and the levels of those that pass. `row` is the super-row of the first tile row, and `astride`
     says that the second one lies in the next. `closes` marks the step's last group, `last` the splat's. With streams,
-    `quarters` has the tiles of which the splat touches each quarter, if they pass. An item with `end` is no group."""
+    `quarters` has the tiles of which the splat touches each quarter, if they pass. With a warp unit, `level` is that of each
+    tile, because a sweep may leave out some. An item with `end` is no group."""
     tiles = data.ArrayLayout(LEVEL_GROUP, SUPER_Y)
     quarters = {"quarters": data.ArrayLayout(tiles, config.streams)} if config.streams > 1 else {}
     return data.StructLayout({
         "row": unsigned(row_bits(config)), "astride": 1, "group": unsigned(group_bits(config)), "touched": tiles,
-        "passed": tiles, "levels": MAX_LEVELS, "closes": 1, "last": 1, "end": 1, **quarters})
+        "passed": tiles, "levels": MAX_LEVELS, "closes": 1, "last": 1, "end": 1, **quarters,
+        **({"level": data.ArrayLayout(data.ArrayLayout(2, LEVEL_GROUP), SUPER_Y)} if config.warps_joint else {})})
 
 
 class GroupWalk(wiring.Component):
@@ -175,6 +177,8 @@ class GroupWalk(wiring.Component):
                 *(out.payload[name].eq(read[name]) for name in (
                     "row", "astride", "group", "touched", "closes", "last", "end")),
                 *(out.payload.passed[i].eq(passed[i]) for i in range(SUPER_Y)), out.payload.levels.eq(Cat(*levels))]
+            if self._config.warps_joint:
+                m.d.sync += [out.payload.level[i][k].eq(self.levels[i][k]) for i in range(SUPER_Y) for k in range(LEVEL_GROUP)]
             for q in range(self._config.streams if self._config.streams > 1 else 0):
                 for i in range(SUPER_Y):
                     rows, columns = read.halves[i]["lower" if q >> 1 else "upper"], read["right" if q & 1 else "left"][i]

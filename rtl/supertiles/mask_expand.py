@@ -15,7 +15,7 @@ from rtl.shapes import layout
 from rtl.stream import Buffer
 from rtl.supertiles.group_walk import tested_group
 from spec.config import AcceleratorConfig
-from spec.constants import SUPER_X
+from spec.constants import MAX_LEVELS, SUPER_X, SUPER_Y
 from spec.queues import LEVEL_GROUP
 from spec.records import surviving_splat
 
@@ -29,7 +29,8 @@ class MaskExpand(wiring.Component):
     Ports:
         groups: `tested_group` items, one per splat. None has `end`.
         splats: `kept_record` items, one per splat; each is taken with its group.
-        survivors: SurvivingSplat items, one per splat, in order.
+        survivors: SurvivingSplat items, one per splat, in order. In machines with a warp unit they have the tiles that the
+            splat's `wanted` has, too, and the levels among these.
 
     Throughput: one splat a cycle. Latency: one cycle.
     """
@@ -51,17 +52,33 @@ class MaskExpand(wiring.Component):
             self.groups.ready.eq(self.splats.valid & leaving.sink.ready),
             self.splats.ready.eq(self.groups.valid & leaving.sink.ready),
             leaving.sink.valid.eq(self.groups.valid & self.splats.valid),
-            *self._masks(item, survivor),
-            survivor.levels.eq(item.levels),
+            *self._masks(item, kept, survivor),
+            survivor.levels.eq(self._levels(item, kept)),
             *(survivor[name].eq(kept[name]) for name in kept.shape().members if name in survivor.shape().members),
         ]
         return m
 
-    def _masks(self, item: data.View, survivor: data.View) -> list[Any]:
+    def _masks(self, item: data.View, kept: data.View, survivor: data.View) -> list[Any]:
         """The masks of the super-tile's tiles, one for each stream."""
+        wanted = Value.cast(kept.wanted) if self._config.warps_joint else None
         if self._config.streams == 1:
-            return [survivor.mask.eq(Cat(_either(row) for row in item.passed))]
-        return [survivor.mask[q].eq(Cat(_either(row) for row in item.quarters[q])) for q in range(self._config.streams)]
+            return [survivor.mask.eq(_kept(Cat(_either(row) for row in item.passed), wanted))]
+        return [survivor.mask[q].eq(_kept(Cat(_either(row) for row in item.quarters[q]), wanted))
+                for q in range(self._config.streams)]
+
+    def _levels(self, item: data.View, kept: data.View) -> Value:
+        """The levels among these tiles."""
+        if not self._config.warps_joint:
+            return item.levels
+        here = [[item.passed[i][k] & kept.wanted[SUPER_X * i + k % SUPER_X] for k in range(LEVEL_GROUP)]
+                for i in range(SUPER_Y)]
+        return Cat(reduce(or_, (here[i][k] & (item.level[i][k] == level) for i in range(SUPER_Y) for k in range(LEVEL_GROUP)))
+                   for level in range(MAX_LEVELS))
+
+
+def _kept(mask: Value, wanted: Value | None) -> Value:
+    """The tiles of a mask that are wanted, where some are not."""
+    return mask if wanted is None else mask & wanted
 
 
 def _either(row: Value) -> Value:

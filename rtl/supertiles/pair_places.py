@@ -40,7 +40,8 @@ class PairPlaces(wiring.Component):
         sums: `compact_sum_layout` items, one per pair; each is taken with the pair's last level, or at once where it has no
             level.
         splats: in machines with joint frames, what a place takes unchanged, for each eye in which a pair has a level; `last`:
-            nothing of the pair follows. There is a sum for each of them or, while `once` is high, one for each pair.
+            nothing of the pair follows; in machines with a warp unit also for a pair without a level, which gives a place with
+            `none`. There is a sum for each of them or, while `once` is high, one for each pair.
         once: see `splats`.
         places: BatchPlace items, pair by pair, for each pair the lowest level first.
 
@@ -67,7 +68,10 @@ class PairPlaces(wiring.Component):
         held = Signal(data.StructLayout({
             "total": data.ArrayLayout(shape(sum_format(n)), 3), "dc": data.ArrayLayout(shape(n.sh_dc), 6),
             "log2_opacity": data.ArrayLayout(shape(n.log2_opacity), 2), "level": 2, "last": 1,
+            **({"none": 1} if self.config.warps_joint else {}),
             **{name: splat[name].shape() for name in unchanged}}), reset_less=True)
+        none = ~splat.levels.any() if self.config.warps_joint else None
+        has = rest.any() if none is None else rest.any() | none
         m.d.comb += [
             rest.eq(splat.levels & ~done),
             level.eq(Cat(rest[i] & ~rest[:i].any() for i in range(MAX_LEVELS))),  # one-hot: the lowest that is left
@@ -79,11 +83,13 @@ class PairPlaces(wiring.Component):
         taken, whole = self._take(m, splat, rest, moves, last)
         opacities, colours = level_codes(m, sums.payload.codes, coarse, level, above)
         with m.If(moves):
-            m.d.sync += there.eq(offered & rest.any())
-        with m.If(moves & offered & rest.any()):
+            m.d.sync += there.eq(offered & has)
+        with m.If(moves & offered & has):
             m.d.sync += [
                 done.eq(done | level), held.level.eq(Cat(level[1] | level[3], level[2] | level[3])), held.last.eq(whole),
                 held.total.eq(sums.payload.total), *(held[name].eq(splat[name]) for name in unchanged)]
+            if none is not None:
+                m.d.sync += held.none.eq(none)
             m.d.sync += [held.log2_opacity[i].eq(opacity(self.config, code)) for i, code in enumerate(opacities)]
             m.d.sync += [held.dc[i].eq(base_colour(self.config, code, coarse, sums.payload.codes.dc_range))
                          for i, code in enumerate(colours)]
@@ -110,7 +116,8 @@ class PairPlaces(wiring.Component):
 
     def _place(self, held: data.View) -> Value:
         """The place."""
-        values = {name: Value.cast(held[name]) for name in (*_unchanged(self.config), "log2_opacity", "level", "last")}
+        none = ("none",) if self.config.warps_joint else ()
+        values = {name: Value.cast(held[name]) for name in (*_unchanged(self.config), "log2_opacity", "level", *none, "last")}
         values["colour"] = Cat(
             rounded_colour(self.config, held.total[i % 3], held.dc[i]) for i in range(6))
         return Cat(values[name] for name, _ in layout(batch_place(self.config)))

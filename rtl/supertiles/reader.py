@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from amaranth.hdl import Cat, Module, Mux, Signal, Value, signed
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
@@ -18,7 +18,7 @@ from spec.constants import SUPER_TILES, SUPER_X, SUPER_Y, TILE
 from spec.joint import EYES
 from spec.memory import BEAT_BITS, TILE_SETTING_BYTES, check_memory, frame_settings, tile_setting
 from spec.records import COUNT_BITS, TILE_BITS, frame_supertiles, list_group
-from spec.supertiles import check_supertiles, supertile
+from spec.supertiles import check_supertiles, supertile, supertile_index
 
 SUPERTILE_BEATS = SUPER_TILES // BEAT_TILES
 """Beats of the table that hold a super-tile's settings."""
@@ -41,12 +41,15 @@ class SuperTileReader(wiring.Component):
             joint frame has as many more for the target.
         joint, shift: settings of the frame, in machines with joint frames.
         supertiles: SuperTile items, one per super-tile, empty ones too; in joint frames two, of the source and of the target.
+        stereo, second, number, holes: in machines with a warp unit (`spec.joint_warp`) the setting; whether the lists are those
+            of a second sweep; and the number of the offered super-tile, and in the next cycle which of its target's tiles
+            have holes. `inside` then has the tiles that the sweep renders.
         clear: strobe: resets `error`.
         error: memory answered with an error. The items of such beats are undefined, but are passed on.
 
-    Storage: a count for each super-tile of the largest frame, and one SuperTile. Throughput: a list per cycle, an item per
-    SUPERTILE_BEATS cycles. Latency: one cycle from a super-tile's last list to its first request, and one from its last beat to
-    the item. A frame's first list is taken only when all beats of the frame before have been requested.
+    Storage: a count for each super-tile of the largest frame, and one SuperTile. Throughput: a list per cycle, and an item in
+    SUPERTILE_BEATS + 1 cycles. Latency: one cycle from a super-tile's last list to its first request, and one from its last
+    beat to the item. A frame's first list is taken only when all beats of the frame before have been requested.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -58,10 +61,13 @@ class SuperTileReader(wiring.Component):
         super().__init__({
             "lists": In(stream.Signature(layout(list_group(config)))),
             "supertiles_base": In(BEAT_BITS), **size, **joint_settings(config, "joint", "shift"),
-            **read_port(config),
+            **read_port(config), **(self._sweep_ports(config) if config.warps_joint else {}),
             "supertiles": Out(stream.Signature(layout(supertile(config)))),
             "clear": In(1), "error": Out(1),
         })
+
+    def _sweep_ports(self, config: AcceleratorConfig) -> dict[str, wiring.Member]:
+        return {"stereo": In(1), "second": In(1), "number": Out(supertile_index(config)), "holes": In(SUPER_TILES)}
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
@@ -76,7 +82,7 @@ class SuperTileReader(wiring.Component):
             out.blend.eq(Cat(setting.blend for setting in settings)),
             *(out.plane[3 * i + k].eq(setting.plane[k]) for i, setting in enumerate(settings) for k in range(3)),
         ]
-        self._place(m, leaves)
+        self._place(m, leaves, Cat(setting.warp for setting in settings) if self.config.warps_joint else None)
         return m
 
     def _last(self, leaves: Value) -> Value:
@@ -111,7 +117,7 @@ class SuperTileReader(wiring.Component):
         settings = [Signal(record, name=f"setting_{i}", reset_less=True) for i in range(SUPER_TILES)]
         part, whole, beat = Signal(range(SUPERTILE_BEATS)), Signal(), self.data.payload.word.as_value()
         taken = self.data.valid & self.data.ready
-        m.d.comb += self.data.ready.eq(~whole | leaves)
+        m.d.comb += self.data.ready.eq(~whole)  # from a register: `leaves` comes late, and memory's queue is read with this
         with m.If(leaves):
             m.d.sync += whole.eq(0)
         with m.If(taken):
@@ -128,8 +134,9 @@ class SuperTileReader(wiring.Component):
             m.d.sync += self.error.eq(1)
         return settings, whole
 
-    def _place(self, m: Module, leaves: Value) -> None:
-        """Where the super-tile lies, and which of its tiles lie in the frame."""
+    def _place(self, m: Module, leaves: Value, warp: Value | None) -> None:
+        """Where the super-tile lies, and which of its tiles lie in the frame; where tiles may be warped, which of these the
+        sweep renders."""
         out = self.supertiles.payload
         columns, rows = Signal(TILE_BITS + 1), Signal(TILE_BITS + 1)
         x, y = Signal(TILE_BITS), Signal(TILE_BITS)
@@ -139,8 +146,10 @@ class SuperTileReader(wiring.Component):
         m.d.comb += [out.x.eq(x), out.y.eq(y), right.eq(edge - x), below.eq(rows - y)]
         across, over = (self._eye(m, leaves, begins, columns - x, x) if begins else
                         (lambda column: right > column, leaves))
-        m.d.comb += out.inside.eq(Cat(
-            across(place % SUPER_X) & (below > place // SUPER_X) for place in range(SUPER_TILES)))
+        inside: Value = Cat(across(place % SUPER_X) & (below > place // SUPER_X) for place in range(SUPER_TILES))
+        if warp is not None:
+            inside &= self._wanted(m, warp, over)
+        m.d.comb += out.inside.eq(inside)
         m.d.sync += [
             columns.eq((self.width + (TILE - 1)) >> _TILE_SHIFT), rows.eq((self.height + (TILE - 1)) >> _TILE_SHIFT)]
         with m.If(over):
@@ -148,6 +157,18 @@ class SuperTileReader(wiring.Component):
             m.d.sync += x.eq(Mux(row_ends, 0, x + SUPER_X))
             with m.If(row_ends):
                 m.d.sync += y.eq(Mux(below <= SUPER_Y, 0, y + SUPER_Y))
+
+    def _wanted(self, m: Module, warp: Value, over: Value) -> Value:
+        """The tiles of the offered item's eye that the sweep renders, wherever they lie. The next item is offered several
+        cycles after the last one has left, when the answer for its number has come."""
+        number, target = Signal.like(self.number), self.supertiles.payload.eye
+        m.d.comb += self.number.eq(number)
+        with m.If(over):
+            m.d.sync += number.eq(number + 1)
+        with m.If(self.lists.valid & self.lists.ready & (self.lists.payload.tile == 0)):
+            m.d.sync += number.eq(0)
+        every = Const((1 << SUPER_TILES) - 1, SUPER_TILES)
+        return Mux(self.second, Mux(target, warp & self.holes, 0), Mux(target & self.stereo, ~warp, every))
 
     def _eye(
         self, m: Module, leaves: Value, begins: tuple[Signal, Signal], right: Value, x: Signal,

@@ -143,13 +143,17 @@ class SuperTileTest(wiring.Component):
         return m
 
     def _join(self, m: Module, levels: SuperLevelTable, walk: GroupWalk, expand: PairExpand) -> None:
-        """Makes the pairs of both eyes one, and gives units the eye and the settings of a joint frame."""
+        """Makes the pairs of both eyes one, and gives the table of levels the eye and the settings of a joint frame."""
+        self._unite(m, expand)
+        m.d.comb += [levels.joint.eq(self.joint), levels.shift.eq(self.shift), levels.eye.eq(walk.eye)]
+
+    def _unite(self, m: Module, expand: PairExpand) -> None:
+        """Makes the pairs of both eyes one."""
         m.submodules.union = union = PairUnion(self.config)
         wiring.connect(m, expand.pairs, union.pairs)
         wiring.connect(m, union.union, wiring.flipped(self.pairs))
         m.d.comb += [
-            union.clear.eq(self.clear), self.ready.eq(union.ready), self.busy.eq(union.busy | self._inside),
-            levels.joint.eq(self.joint), levels.shift.eq(self.shift), levels.eye.eq(walk.eye)]
+            union.clear.eq(self.clear), self.ready.eq(union.ready), self.busy.eq(union.busy | self._inside)]
 
     def _sizes(self, m: Module, levels: SuperLevelTable | None, expand: PairExpand) -> None:
         """Registers the frame's size in tiles and super-tiles; it is stable long before it is used."""

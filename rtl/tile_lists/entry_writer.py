@@ -33,7 +33,7 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.pipeline import Pipeline
 from rtl.shapes import layout
-from rtl.stream import Buffer
+from rtl.stream import Buffer, Skid
 from rtl.tile_lists.beats import check_config
 from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES
@@ -124,7 +124,8 @@ class IntersectionWriter(wiring.Component):
 
     An intersection whose tile is outside the frame is passed on in any case, but not written.
 
-    Storage: for every tile of the largest frame a place of 23 bits and an origin of 24; for PAPER 14,400 x 47 bits.
+    Storage: for every tile of the largest frame a place of 23 bits and an origin of 24, for PAPER 14,400 x 47 bits; and one
+    intersection that may be taken while the writer does not move.
     Throughput: one intersection per cycle, whatever the tiles, and one cycle more for each page other than a first one.
     Latency: 3 cycles to `hits`, 7 to `writes`. After a frame's `end` the places are cleared, one cycle per tile of the frame,
     while its lists are read; the next frame's intersections would have to wait. After a reset clearing takes one cycle per tile
@@ -157,15 +158,20 @@ class IntersectionWriter(wiring.Component):
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        advance, passed, begun = Signal(), Signal(), Signal()
-        slot = self._places(m, advance, passed, begun)
-        self._pages(m, slot, advance, begun)
+        advance, passed, begun, taken = Signal(), Signal(), Signal(), Signal()
+        m.submodules.taking = entries = Skid(self.entries.payload.shape())  # `advance` comes late, and the tile test is long
+        wiring.connect(m, wiring.flipped(self.entries), entries.sink)
+        m.d.comb += taken.eq(entries.source.valid & entries.source.ready)
+        slot = self._places(m, entries.source, taken, advance, passed, begun)
+        self._pages(m, slot, advance, begun, taken)
         m.d.comb += passed.eq(slot.valid & slot.item.end & advance)
         return m
 
-    def _places(self, m: Module, advance: Signal, passed: Signal, begun: Signal) -> Slot:
-        """Finds the places of intersections, and clears all places. Returns the slot, in which the page is chosen. `passed`:
-        the frame's end leaves the slot.
+    def _places(
+        self, m: Module, entries: stream.Interface, taken: Signal, advance: Signal, passed: Signal, begun: Signal,
+    ) -> Slot:
+        """Finds the places of intersections, and clears all places. Returns the slot, in which the page is chosen. `taken`: an
+        item of `entries` is taken; `passed`: the frame's end leaves the slot.
 
         The place of a tile is read in the cycle before the slot; the incremented place is written in the slot's cycle, because
         one cycle has time for the read, a multiplexer and an adder, but not for the write as well. So the next two
@@ -179,7 +185,7 @@ class IntersectionWriter(wiring.Component):
         tiles, bits = frame_tiles(self.config), (FIRST_PAGE_ENTRIES << self.slots + 1).bit_length()
         m.submodules.places = places = memory.Memory(shape=bits, depth=tiles, init=[])
         write, read = places.write_port(), places.read_port()
-        item, taken, clearing = self.entries.payload, Signal(), Signal(range(tiles), init=tiles - 1)
+        item, clearing = entries.payload, Signal(range(tiles), init=tiles - 1)
         valid, entry, inside, again = Signal(), Signal(item.shape(), reset_less=True), Signal(), Signal()
         again_later, place = Signal(), Signal(bits)
         summed, before = Signal(bits, reset_less=True), Signal(bits, reset_less=True)  # not yet in the memory
@@ -187,7 +193,7 @@ class IntersectionWriter(wiring.Component):
             Signal(), Signal(item.shape(), reset_less=True), Signal(), Signal(bits, reset_less=True), Signal(reset_less=True),
             Signal(reset_less=True), entry.tile)
         m.d.comb += [
-            read.addr.eq(item.tile), read.en.eq(advance), taken.eq(self.entries.valid & self.entries.ready),
+            read.addr.eq(item.tile), read.en.eq(advance),
             place.eq(Mux(again, summed, Mux(again_later, before, read.data))),
             write.addr.eq(slot.item.tile), write.data.eq(summed), write.en.eq(advance & slot.inside),
             self.busy.eq(begun),
@@ -200,7 +206,7 @@ class IntersectionWriter(wiring.Component):
                     m.d.sync += begun.eq(0)
                     m.next = "TAKE"
             with m.State("TAKE"):
-                m.d.comb += self.entries.ready.eq(advance)
+                m.d.comb += entries.ready.eq(advance)
                 with m.If(taken):
                     m.d.sync += begun.eq(1)
                     with m.If(item.end):
@@ -218,7 +224,7 @@ class IntersectionWriter(wiring.Component):
             m.d.sync += slot.again.eq(slot.inside & (slot.item.tile == entry.tile))
         return slot
 
-    def _pages(self, m: Module, slot: Slot, advance: Signal, begun: Signal) -> None:
+    def _pages(self, m: Module, slot: Slot, advance: Signal, begun: Signal, taken: Signal) -> None:
         """Finds the page of the intersection in the slot, allocates it where it begins there, and drives both outputs."""
         m.submodules.hit_buffer = hits = Buffer(self.hits.payload.shape())
         wiring.connect(m, hits.source, wiring.flipped(self.hits))
@@ -246,7 +252,7 @@ class IntersectionWriter(wiring.Component):
             m.d.sync += linked.eq(1)
         with m.If(~begun):
             m.d.sync += [free.eq(self.tile_count), left.eq(self.entries_beats[BEAT_BITS - UNIT_BITS :] - self.tile_count)]
-            with m.If(self.entries.valid & self.entries.ready):
+            with m.If(taken):
                 m.d.sync += self.full.eq(0)
         with m.Elif(advance & slot.inside):
             m.d.sync += self.full.eq(~fits)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from amaranth.hdl import Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
@@ -37,6 +39,9 @@ class TableLoader(wiring.Component):
     With joint frames:
         joint, target_tiles_base: settings, as well; `tile_count` is that of each eye.
 
+    With joint frames and stereo there is neither target nor mask, and:
+        stereo: setting: the target's tiles with `warp` are not rendered (in the first sweep of `spec.joint_warp`).
+
     Throughput: one tile per cycle. Latency: one cycle from a beat to its first item.
     """
 
@@ -48,7 +53,8 @@ class TableLoader(wiring.Component):
             **read_port(config),
             "levels": Out(stream.Signature(layout(tile_level(config)))),
             "busy": Out(1), "done": Out(1), "error": Out(1),
-            **mask_port(config), **({"rendered_tiles": Out(range(frame_tiles(config) + 1))} if config.stereo else {}),
+            **(mask_port(config) if config.two_passes else {}), **({"stereo": In(1)} if config.warps_joint else {}),
+            **({"rendered_tiles": Out(range((frame_tiles(config) << config.joint) + 1))} if config.stereo else {}),
             **({"joint": In(1), "target_tiles_base": In(BEAT_BITS)} if config.joint else {}),
         })
 
@@ -59,37 +65,45 @@ class TableLoader(wiring.Component):
         wiring.connect(m, beats.reads, wiring.flipped(self.reads))
         wiring.connect(m, wiring.flipped(self.data), table.data)
         item, setting = self.levels.payload, table.settings.payload
-        tile = Signal.like(item.tile, reset_less=True)
+        # `last`: the offered tile is the frame's last one; `before`: the number of the one before that. Both are registers,
+        # because the beats' queue is read in the same cycle.
+        tile, last = Signal.like(item.tile, reset_less=True), Signal(reset_less=True)
+        before = Signal.like(self.tile_count, reset_less=True)
+        m.d.sync += before.eq(self.tile_count - 2)
         m.d.comb += [
             beats.start.eq(self.start),
             beats.base.eq(self.tiles_base),
             beats.count.eq((self.tile_count + (BEAT_TILES - 1)) // BEAT_TILES),
             self.levels.valid.eq(table.settings.valid),
             table.settings.ready.eq(self.levels.ready),
-            table.last.eq(tile == self.tile_count - 1),
+            table.last.eq(last),
             item.tile.eq(tile), item.level.eq(setting.level), item.blend.eq(setting.blend),
         ]
         taken = self.levels.valid & self.levels.ready
         m.d.sync += self.done.eq(taken & table.last)
         with m.If(taken):
-            m.d.sync += [tile.eq(tile + 1), self.busy.eq(~table.last)]
+            m.d.sync += [tile.eq(tile + 1), last.eq(tile == before), self.busy.eq(~table.last)]
         with m.If(self.start):
-            m.d.sync += [tile.eq(0), self.busy.eq(1), self.error.eq(0)]
+            m.d.sync += [tile.eq(0), last.eq(self.tile_count == 1), self.busy.eq(1), self.error.eq(0)]
         with m.Elif(table.failed):
             m.d.sync += self.error.eq(1)
         if self.config.stereo:
-            connect_mask(m, self, table)
+            if self.config.two_passes:
+                connect_mask(m, self, table)
             m.d.comb += item.rendered.eq(table.rendered)
             with m.If(self.start):
                 m.d.sync += self.rendered_tiles.eq(0)
             with m.Elif(taken & table.rendered):
                 m.d.sync += self.rendered_tiles.eq(self.rendered_tiles + 1)
         if self.config.joint:
-            self._add_target(m, beats, tile, taken & table.last)
+            target = self._add_target(m, beats, taken & table.last, [tile.eq(0), last.eq(self.tile_count == 1)])
+            if self.config.stereo:
+                m.d.comb += table.target.eq(target & self.stereo)
         return m
 
-    def _add_target(self, m: Module, beats: BeatRun, tile: Signal, whole: Value) -> None:
-        """Reads the target's table when the source's is through."""
+    def _add_target(self, m: Module, beats: BeatRun, whole: Value, begin: list[Any]) -> Signal:
+        """Reads the target's table when the source's is through, and begins with its first tile by `begin`; returns whether the
+        items are the target's."""
         again, target = Signal(), Signal()
         m.d.comb += [
             self.levels.payload.eye.eq(target), beats.start.eq(self.start | again),
@@ -98,4 +112,5 @@ class TableLoader(wiring.Component):
         with m.If(whole):
             m.d.sync += target.eq(0)
             with m.If(self.joint & ~target):
-                m.d.sync += [target.eq(1), again.eq(1), tile.eq(0), self.busy.eq(1), self.done.eq(0)]
+                m.d.sync += [*begin, target.eq(1), again.eq(1), self.busy.eq(1), self.done.eq(0)]
+        return target

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import reduce
+from operator import and_
+
 from amaranth.hdl import Cat, Module, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
@@ -11,6 +14,7 @@ from rtl.shapes import layout
 from rtl.supertiles.buckets import depth_buckets
 from rtl.supertiles.eyes import columns_apart
 from rtl.supertiles.pair_writer import PairWriter
+from rtl.supertiles.warp_strips import known_write
 from rtl.tile_lists.table_loader import TableLoader
 from rtl.top import splat_path
 from rtl.top.chunked import add_chunk_test
@@ -25,6 +29,7 @@ from spec.records import (
     TILE_BITS,
     chunk_item,
     frame_lists,
+    frame_tiles,
     gaussian_point,
     intersection_tile,
     list_group,
@@ -83,6 +88,10 @@ class BinPhase(wiring.Component):
         sorted_item, sorted_taken: what leaves the sorter, and whether it does, which sets the next frame's bounds.
         list_count: number of lists; valid from `ready` on.
 
+    With a warp unit and joint frames (`spec.joint_warp`):
+        second: the second phase is in its second sweep. known: what the table says of a tile of the target. rendered_tiles: the
+        tiles that the first sweep renders.
+
     With overlapped phases, instead of `hits`, `rendering`, `merged` and `list_count`:
         second_settings: settings of the frame in its second phase.
         which: which of two sets of what the phases hand over the first phase uses; the second one uses the other.
@@ -102,9 +111,14 @@ class BinPhase(wiring.Component):
             "supertiles": In(stream.Signature(layout(supertile(config)))),
             "tested": Out(stream.Signature(layout(surviving_splat(config)))),
             "listed": Out(stream.Signature(layout(list_group(config)))),
-            "sorted_item": In(layout(chunk_item(config))), "sorted_taken": In(1)})
+            "sorted_item": In(layout(chunk_item(config))), "sorted_taken": In(1),
+            **(self._sweep_ports(config) if config.warps_joint else {})})
         check_supertiles(config)
         self.config = config
+
+    def _sweep_ports(self, config: AcceleratorConfig) -> dict[str, wiring.Member]:
+        return {"second": In(1), "known": Out(known_write(config)),
+                "rendered_tiles": Out(range((frame_tiles(config) << 1) + 1))}
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
@@ -141,6 +155,11 @@ class BinPhase(wiring.Component):
             writer.writes_idle.eq(self.idle_entries), writer.list_count.eq(buckets.list_count),
             buckets.sorted_item.eq(self.sorted_item), buckets.sorted_taken.eq(self.sorted_taken),
             *(() if overlap else (self.list_count.eq(buckets.list_count),)), self.full.eq(writer.full)]
+        if self.config.warps_joint:
+            level = loader.levels.payload
+            m.d.sync += [self.known.en.eq(loader.levels.valid & loader.levels.ready & level.eye),
+                         self.known.tile.eq(level.tile), self.known.known.eq(level.rendered)]
+            m.d.comb += [path.second.eq(self.second), self.rendered_tiles.eq(loader.rendered_tiles)]
         add_chunk_test(m, self, loader, reader)
         self._begin(m, path, buckets, writer.busy)
         self._follow(m, loader, path, writer.hits if overlap else self.hits)
@@ -182,10 +201,9 @@ class BinPhase(wiring.Component):
         m.d.comb += [
             buckets.supertile_count.eq(count), buckets.clear.eq(counting & waits),
             self.ready.eq(~counting & ~settling.any() & ~writing)]
-        if self.config.joint:
-            m.d.comb += self.ready.eq(~counting & ~settling.any() & ~writing & path.ready)
-        if self.config.overlap:
-            m.d.comb += self.ready.eq(~counting & ~settling.any() & ~writing & buckets.ready)
+        more = [unit.ready for unit, has in ((path, self.config.joint), (buckets, self.config.overlap)) if has]
+        if more:
+            m.d.comb += self.ready.eq(reduce(and_, more, ~counting & ~settling.any() & ~writing))
 
     def _follow(self, m: Module, loader: TableLoader, path: SplatPath | SplatPaths, hits: stream.Interface) -> None:
         """Follows the ends of table and frame."""

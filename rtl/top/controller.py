@@ -10,9 +10,10 @@ CLEAR counts the tiles of the frame while every unit clears its state of the pre
 barriers: GEOMETRY ends when everything that it wrote is in memory, because RENDER reads it.
 
 A failed frame is not repaired. The bus takes no more requests, outstanding answers are discarded, and a reset of all units
-except bus and registers prepares for the next frame. Broken data cannot hang a unit, because units wait only for counts and for
-answers of memory. Even so, a watchdog ends a frame in which no beat moves on the bus for 2^WATCHDOG_BITS cycles. If memory
-never gives an answer that it owes, the machine stays in DRAIN until `rst`.
+except bus and registers prepares for the next frame. Units wait only for counts and for answers of memory. Where memory
+contradicts itself, a count may promise what never comes: in machines with super-tiles, a Gaussian that was counted as visible
+may be culled by another copy of it in the second phase. So a watchdog ends a frame in which no beat moves on the bus for
+2^WATCHDOG_BITS cycles. If memory never gives an answer that it owes, the machine stays in DRAIN until `rst`.
 
 A frame of two eyes passes from CLEAR to RENDER twice, first for the source eye and then for the target eye.
 """
@@ -71,7 +72,7 @@ class FrameController(wiring.Component):
         finished: strobe; the frame has ended.
         error: how the frame ended; valid from `finished` to the next start.
 
-    With stereo:
+    With stereo, but not with joint frames:
         stereo: the frame has two eyes.
         target: level; the second pass, from the cycle after its `clear`. After a frame it stays until the next start.
         next_pass: strobe, together with `clear`; the first pass has ended and the second begins.
@@ -93,7 +94,7 @@ class FrameController(wiring.Component):
             "clear": Out(1), "start_table": Out(1), "start_geometry": Out(1), "start_render": Out(1),
             "abort_bus": Out(1), "reset_units": Out(1), "phase": Out(phase), "busy": Out(1),
             "finished": Out(1), "error": Out(code),
-            **({"stereo": In(1), "target": Out(1), "next_pass": Out(1)} if config.stereo else {}),
+            **({"stereo": In(1), "target": Out(1), "next_pass": Out(1)} if config.two_passes else {}),
         })
 
     def elaborate(self, platform: object) -> Module:
@@ -108,7 +109,7 @@ class FrameController(wiring.Component):
                 with m.If(self.start):
                     self._begin(m, rows)
                     m.d.sync += self.error.eq(ErrorCode.NONE)
-                    if self.config.stereo:
+                    if self.config.two_passes:
                         m.d.sync += self.target.eq(0)
                     m.next = "CLEAR"
             with m.State("CLEAR"):
@@ -129,7 +130,7 @@ class FrameController(wiring.Component):
                     with m.If(done & ~stops):
                         m.d.comb += strobe.eq(1)
                         m.next = following
-                        if self.config.stereo and name == "RENDER":
+                        if self.config.two_passes and name == "RENDER":
                             self._next_pass(m, rows)
                     self._stop(m, stops, bites)
             with m.State("DRAIN"):

@@ -22,7 +22,8 @@ from rtl.top.overlap_controller import OverlapController
 from rtl.top.render_phase import RenderPhase
 from spec.codes import ErrorCode
 from spec.config import AcceleratorConfig
-from spec.queues import READ_DEPTHS, SUPERTILE_READ_DEPTHS
+from spec.constants import TILE
+from spec.queues import READ_DEPTHS, SUPERTILE_READ_DEPTHS, WATCHDOG_BITS
 from spec.registers import events, read_clients, stages, write_clients
 
 FirstPhase: TypeAlias = GeometryPhase | BinPhase
@@ -44,6 +45,7 @@ class Machine(wiring.Component):
 
     Parameters:
         config: the machine.
+        watchdog_bits: log2 of the number of cycles without a beat that end a frame.
 
     Ports:
         s_axil_*: AXI4-Lite slave, 32 bits.
@@ -51,10 +53,13 @@ class Machine(wiring.Component):
         interrupt: level.
     """
 
-    def __init__(self, config: AcceleratorConfig):
+    def __init__(self, config: AcceleratorConfig, *, watchdog_bits: int = WATCHDOG_BITS):
         if not isinstance(config, AcceleratorConfig):
             raise TypeError(f"config must be an AcceleratorConfig, not {config!r}")
-        self.config = config
+        if config.supertiles and config.row_width <= 2 * TILE:  # numbers of super-tiles would have no bit
+            raise ValueError(f"row_width must be more than {2 * TILE} in a machine with lists by super-tile, not "
+                             f"{config.row_width!r}")
+        self.config, self._watchdog_bits = config, watchdog_bits
         super().__init__({
             **bus.axi_lite_slave_ports("s_axil"),
             **bus.axi_master_ports("m_axi", id_bits(len(read_clients(config)), len(write_clients(config)))),
@@ -64,7 +69,8 @@ class Machine(wiring.Component):
     def elaborate(self, platform: object) -> Module:
         m = Module()
         m.submodules.registers = registers = RegisterFile(self.config)
-        m.submodules.controller = controller = (OverlapController if self.config.overlap else FrameController)(self.config)
+        control = OverlapController if self.config.overlap else FrameController
+        m.submodules.controller = controller = control(self.config, watchdog_bits=self._watchdog_bits)
         m.submodules.master = master = AxiMaster(self.config, len(read_clients(self.config)), len(write_clients(self.config)))
         m.domains.units = ClockDomain(local=True)
         m.d.comb += [ClockSignal("units").eq(ClockSignal()), ResetSignal("units").eq(ResetSignal() | controller.reset_units)]
@@ -80,7 +86,7 @@ class Machine(wiring.Component):
             overlap.control(m, self.config, registers, controller, master, geometry, render)
         else:
             self._control(m, registers, controller, master, geometry, render)
-        if self.config.stereo:
+        if self.config.two_passes:
             self._two_eyes(m, registers, controller, geometry, render)
         if self.config.supertiles and not self.config.overlap:
             self._super_tiles(m, controller, geometry, render)
@@ -136,6 +142,9 @@ class Machine(wiring.Component):
         m.d.comb += [
             bin_.rendering.eq(rendering), gather.list_count.eq(bin_.list_count),
             bin_.sorted_item.eq(gather.sorted_item), bin_.sorted_taken.eq(gather.sorted_taken)]
+        if self.config.stereo:
+            m.d.comb += [bin_.second.eq(gather.second), gather.known.eq(bin_.known),
+                         gather.rendered_tiles.eq(bin_.rendered_tiles)]
 
     def _two_eyes(
         self, m: Module, registers: RegisterFile, controller: FrameController, geometry: GeometryPhase, render: RenderPhase,
@@ -203,12 +212,14 @@ class Machine(wiring.Component):
         geometry: FirstPhase, render: SecondPhase,
     ) -> None:
         m.submodules.counters = counters = PerformanceCounters(self.config)
-        own = (bin_phase.STAGES + gather_phase.STAGES if self.config.supertiles else
+        own = (bin_phase.STAGES + gather_phase.stages(self.config) if self.config.supertiles else
                geometry_phase.STAGES + render_phase.stages(self.config))
         if stages(self.config) != own:
             raise ValueError(f"stages must be those of both phases, in order, not {stages(self.config)!r}")
-        if self.config.stereo:
+        if self.config.two_passes:
             m.d.comb += [counters.target.eq(controller.target), counters.next_pass.eq(controller.next_pass)]
+        elif self.config.stereo:
+            m.d.comb += counters.target.eq(render.second)
         m.d.comb += [
             counters.phase.eq(controller.phase), counters.clear.eq(registers.clear),
             counters.finished.eq(controller.finished),

@@ -34,8 +34,8 @@ def phase_ports(
     """The ports that both phases have.
 
     They are the frame's `settings`, `tiles_x` and `tile_count`; the strobes `clear` and `start`; the ports of their memory
-    clients; `done` and `ready`; the handshakes of their `stages`; the `counts` of the frame; and with stereo `target`, which
-    says that the target eye's pass is running.
+    clients; `done` and `ready`; the handshakes of their `stages`; the `counts` of the frame; and where a frame has
+    two passes `target`, which says that the target eye's is running.
 
     Raises:
         TypeError: `config` is not an AcceleratorConfig.
@@ -47,7 +47,7 @@ def phase_ports(
         "settings": In(layout(frame_settings(config))), "tiles_x": tiles, "tile_count": tiles, "clear": In(1), "start": In(1),
         **memory_ports(config, readers, writers), "done": Out(1), "ready": Out(1),
         "stage_valid": Out(len(stages)), "stage_ready": Out(len(stages)), **{name: Out(COUNTER_BITS) for name in counts},
-        **({"target": In(1)} if config.stereo else {})}
+        **({"target": In(1)} if config.two_passes else {})}
 
 
 def connect_settings(m: Module, outer: Any, unit: wiring.Component) -> None:

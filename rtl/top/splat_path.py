@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Mux
+from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -11,6 +11,7 @@ from rtl.culling.projection_unit import ProjectionUnit
 from rtl.culling.saturations import SaturationCounters
 from rtl.shapes import layout
 from rtl.supertiles.clip import SuperTileClip
+from rtl.supertiles.sweep_turns import SweepTurns
 from rtl.supertiles.tile_test import SuperTileTest
 from rtl.top.ports import connect_settings, watch
 from spec.config import AcceleratorConfig
@@ -38,7 +39,8 @@ class SplatPath(wiring.Component):
                    ├► ProjectionUnit ─► SuperTileClip ─► SuperTileTest ─┬─► binned        first phase
         gathered  ─┘             supertiles ─▲       table ─▲           └─► tested        second phase
 
-    In a joint frame (`spec.joint`) the projection unit makes two splats of every Gaussian, the source's and the target's.
+    In a joint frame (`spec.joint`) the projection unit makes two splats of every Gaussian, the source's and the target's. In
+    machines with a warp unit SweepTurns stands where `supertiles` come in, and a pair of the second phase may have one splat.
 
     Parameters:
         config: the machine, with super-tiles.
@@ -55,6 +57,7 @@ class SplatPath(wiring.Component):
             with the tiles of its eye, of which there may be none.
         busy: a splat is in the clip or in the tile test.
         ready: with joint frames: what `clear` begins is done.
+        second: with a warp unit: `supertiles` are those of the second sweep.
         stage_valid, stage_ready: handshakes of the input streams of STAGES, one bit each.
         culled_near, culled_faint, culled_outside, survivors, entries, filtered, saturated_means, saturated_depths,
         saturated_keys: counts of the first phase; they keep their values in the second.
@@ -75,7 +78,7 @@ class SplatPath(wiring.Component):
             "binned": Out(stream.Signature(layout(supertile_pair(config)))),
             "tested": Out(stream.Signature(layout(surviving_splat(config)))), "busy": Out(1),
             "stage_valid": Out(len(STAGES)), "stage_ready": Out(len(STAGES)), **{name: Out(COUNTER_BITS) for name in COUNTS},
-            **({"ready": Out(1)} if config.joint else {})})
+            **({"ready": Out(1)} if config.joint else {}), **({"second": In(1)} if config.warps_joint else {})})
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
@@ -95,7 +98,10 @@ class SplatPath(wiring.Component):
             connect_settings(m, self, clip)
             m.d.comb += [projection.rendering.eq(self.rendering), self.ready.eq(test.ready)]
         wiring.connect(m, projection.source, clip.splats)
-        wiring.connect(m, wiring.flipped(self.supertiles), clip.supertiles)
+        if self.config.warps_joint:
+            self._turn(m, projection, clip)
+        else:
+            wiring.connect(m, wiring.flipped(self.supertiles), clip.supertiles)
         wiring.connect(m, clip.clipped, test.splats)
         wiring.connect(m, wiring.flipped(self.table), test.table)
         wiring.connect(m, test.pairs, wiring.flipped(self.binned))
@@ -104,6 +110,17 @@ class SplatPath(wiring.Component):
         if self.config.counters:
             self._count(m, projection, test)
         return m
+
+    def _turn(self, m: Module, projection: ProjectionUnit, clip: SuperTileClip) -> None:
+        """Tells projection and clip for which eyes the pairs of each super-tile are projected."""
+        m.submodules.turns = turns = SweepTurns(self.config)
+        wiring.connect(m, wiring.flipped(self.supertiles), turns.supertiles)
+        wiring.connect(m, turns.turns, projection.turns)
+        wiring.connect(m, turns.clipped, clip.supertiles)
+        shared = Signal(reset_less=True)
+        m.d.sync += shared.eq(self.settings.shared_colour & self.settings.sh_degree.any())
+        m.d.comb += [turns.joint.eq(self.settings.joint), turns.stereo.eq(self.settings.stereo), turns.shared.eq(shared),
+                     turns.second.eq(self.second)]
 
     def _count(self, m: Module, projection: ProjectionUnit, test: SuperTileTest) -> None:
         """The projection unit begins its counts anew with the second phase's first splat, so those of the first are kept."""

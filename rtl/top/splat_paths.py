@@ -48,6 +48,7 @@ class SplatPaths(wiring.Component):
             inside.
         table, points, gathered, supertiles, binned, tested: as in `SplatPath`.
         busy: a splat of the first phase is in the tile test.
+        ready: with joint frames: what `clear` begins is done.
         stage_valid, stage_ready: handshakes of the input streams of STAGES, one bit each: whether either phase has an item, and
             whether one of either phase moves.
         culled_near, culled_faint, culled_outside, survivors, entries, filtered, saturated_means, saturated_depths,
@@ -70,7 +71,8 @@ class SplatPaths(wiring.Component):
             "supertiles": In(stream.Signature(layout(supertile(config)))),
             "binned": Out(stream.Signature(layout(supertile_pair(config)))),
             "tested": Out(stream.Signature(layout(surviving_splat(config)))), "busy": Out(1),
-            "stage_valid": Out(len(STAGES)), "stage_ready": Out(len(STAGES)), **{name: Out(COUNTER_BITS) for name in COUNTS}})
+            "stage_valid": Out(len(STAGES)), "stage_ready": Out(len(STAGES)), **{name: Out(COUNTER_BITS) for name in COUNTS},
+            **({"ready": Out(1)} if config.joint else {})})
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
@@ -83,6 +85,10 @@ class SplatPaths(wiring.Component):
             m.submodules[f"{name}_projection"], m.submodules[f"{name}_test"] = projection, test
         m.submodules.clip = clip = SuperTileClip(self.config)
         self._settings(m, (*projections, *tests))
+        if self.config.joint:
+            m.d.comb += [
+                *(projection.rendering.eq(place) for place, projection in enumerate(projections)),
+                clip.joint.eq(self.second_settings.joint), self.ready.eq(tests[0].ready)]
         wiring.connect(m, wiring.flipped(self.points), projections[0].sink)
         wiring.connect(m, projections[0].source, tests[0].splats)
         wiring.connect(m, tests[0].pairs, wiring.flipped(self.binned))
@@ -122,7 +128,8 @@ class SplatPaths(wiring.Component):
                 table.table.valid.eq(self.table.valid & first), table.table.payload.eq(self.table.payload),
                 table.clear.eq(self.clear & first), table.tiles_x.eq(size["tiles_x"]), table.tiles_y.eq(size["tiles_y"]),
                 *(getattr(table, name).eq(Mux(first, getattr(tests[0], name), getattr(tests[1], name)))
-                  for name in ("enable", "row", "group"))]
+                  for name in ("enable", "row", "group", *(("eye",) if self.config.joint else ()))),
+                *(getattr(table, name).eq(self.settings[name]) for name in ("joint", "shift") if self.config.joint)]
         m.d.comb += self.table.ready.eq(Mux(self.which, tables[1].table.ready, tables[0].table.ready))
         for number, test in enumerate(tests):
             own = self.which ^ number

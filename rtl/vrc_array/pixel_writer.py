@@ -48,7 +48,7 @@ def frame_writer_ports(config: AcceleratorConfig, settings: Collection[str]) -> 
         "writes_idle": In(1),
         **{f.name: In(shape(f.format)) for f in frame_settings(config).fields if f.name in settings},
         **joint_settings(config, "joint", "target_frame_base"),
-        "tile_count": In(range(frame_tiles(config) + 1)),
+        "tile_count": In(range((frame_tiles(config) << config.warps_joint) + 1)),
         "begin": In(1),
         "pixels": Out(COUNTER_BITS),
         "finished": Out(1),
@@ -68,7 +68,8 @@ class PixelWriter(wiring.Component):
         writes_idle: the memory has completed all writes that it took.
         width, height, display, frame_base: settings of the frame.
         joint, target_frame_base: in machines with joint frames, settings of the frame: rows of the target go there.
-        tile_count: tiles of the frame, or of either eye of a joint frame.
+        tile_count: tiles of the frame, or of either eye of a joint frame; in machines with a warp unit and joint frames all
+            tiles that are rendered, of both eyes.
         begin: strobe before a frame's first row; clears `finished` and `pixels`.
         pixels: pixels written since `begin`, up to the previous cycle; always 0 without `config.counters`.
         finished: all rows of `tile_count` tiles, in joint frames twice as many, have arrived since `begin`, and memory has
@@ -170,7 +171,7 @@ class PixelWriter(wiring.Component):
         """Counts tiles that have arrived and pixels that have left."""
         row, tiles = Signal(range(TILE * TILE // self.config.array_x)), Signal.like(self.tile_count)
         count = self.tile_count
-        if self.config.joint:
+        if self.config.joint and not self.config.stereo:
             tiles = Signal(len(count) + 1)
             count = Mux(self.joint, count << 1, count)
         with m.If(self.rows.valid & self.rows.ready):

@@ -143,14 +143,15 @@ class Pack(wiring.Component):
 
     def _queue(self, m: Module, commits: Signal, sub: Signal, word: Signal, complete: Signal) -> tuple[Any, ...]:
         """The queue of groups with complete beats: its head, whether there is one, whether there is free space, its pop."""
-        depth, shape = queue_groups(self.config), _complete_layout(self.config)
+        depth, shape = queue_groups(self.config), self._complete()
         words = Array(Signal(shape, name=f"complete_{i}", reset_less=True) for i in range(depth))
         count, first, free = Signal(range(depth + 1)), Signal(range(depth)), Signal(range(depth))
         pushes, pops, new = Signal(), Signal(), Signal(shape)
         inside = Cat(self._row(lane, sub) < self.rows for lane in range(self.config.warp_lanes))
         m.d.comb += [
-            pushes.eq(commits & complete.any()), new.lanes.eq(complete & inside), new.sub.eq(sub), new.word.eq(word),
-            new.near.eq(self.column[:_WORD_BITS]), new.far.eq((self.column >> _WORD_BITS).any())]
+            pushes.eq(commits & complete.any()), new.lanes.eq(self._lanes(complete & inside, word)), new.sub.eq(sub),
+            new.word.eq(word), new.near.eq(self.column[:_WORD_BITS]), new.far.eq((self.column >> _WORD_BITS).any()),
+            *self._kept(new)]
         m.d.sync += count.eq(count + pushes - pops)
         with m.If(pushes):
             m.d.sync += [words[free].eq(new), free.eq(free + 1)]  # the depth is a power of two, so the index wraps
@@ -180,12 +181,32 @@ class Pack(wiring.Component):
                 word.eq(head.word), below.eq(picked(pick, [i * self.width for i in lanes]))]
         address, begin = Signal(ADDRESS_BITS), Signal(_WORD_BITS)
         at = address[:_WORD_BITS]
+        self._keep(m, head, moves)
         pixels = Array(read.data for read in reads)[lane]
         m.d.comb += [
             # If the row's first pixel lies in this beat, words before it are not written
             begin.eq(Mux(far | (near >= at), 0, at - near)),
             address.eq(word + below), out.beat.eq(address >> _WORD_BITS),
-            *(out.strobe[i].eq((begin <= i) & (at >= i)) for i in range(WORDS)),
+            *(out.strobe[i].eq(self._strobe((begin <= i) & (at >= i), i, at)) for i in range(WORDS)),
             *(out.word[i].eq(Mux(out.strobe[i], Cat(pixels[i].colour.as_value(), pixels[i].covered.replicate(8)), 0))
               for i in range(WORDS)),
         ]
+
+    def _complete(self) -> data.StructLayout:
+        """What waits of a group with complete beats."""
+        return _complete_layout(self.config)
+
+    def _lanes(self, lanes: Value, word: Value) -> Value:
+        """Those of the lanes whose beats are written; `word` is the address of lane 0's pixel."""
+        return lanes
+
+    def _kept(self, new: data.View) -> list[Any]:
+        """Sets what else waits of a group."""
+        return []
+
+    def _keep(self, m: Module, head: data.View, moves: Value) -> None:
+        """Keeps what else `_strobe` needs of the group `head` when one of its beats `moves`."""
+
+    def _strobe(self, strobe: Value, word: int, at: Value) -> Value:
+        """Whether a word of the beat is written, if it lies in the group's row; its last pixel is word number `at`."""
+        return strobe

@@ -96,9 +96,22 @@ class WarpUnit(wiring.Component):
             "writes_idle": In(1),
             **settings,
             "begin": In(1), "finished": Out(1), "busy": Out(1),
-            "tile": In(shape(tile_index(config))), "invalid": Out(1),
+            **self._mask_ports(),
             **{name: Out(COUNTER_BITS) for name in EVENTS},
         })
+
+    def _mask_ports(self) -> dict[str, wiring.Member]:
+        """The ports by which others learn which tiles have holes."""
+        return {"tile": In(shape(tile_index(self.config))), "invalid": Out(1)}
+
+    def _packer(self) -> Pack:
+        """The unit that makes beats of pixels."""
+        return Pack(self.config)
+
+    def _own_rows(self) -> tuple[Value, Value, int]:
+        """Rows of pixels from the first strip on, the address of its first pixel in words, and log2 of the distance between two
+        strips, in strips."""
+        return self.height, self.target_frame_base << ADDRESS_BITS - BEAT_BITS, 0
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
@@ -124,7 +137,7 @@ class WarpUnit(wiring.Component):
         m.d.comb += delay.load.eq(Cat(carries).any())
         m.submodules.window = window = Window(self.config)
         m.submodules.fill = fill = Fill(self.config)
-        m.submodules.pack = pack = Pack(self.config)
+        m.submodules.pack = pack = self._packer()
         wiring.connect(m, window.slots, fill.slots)
         wiring.connect(m, fill.filled, pack.filled)
         wiring.connect(m, pack.writes, wiring.flipped(self.writes))
@@ -232,7 +245,8 @@ class WarpUnit(wiring.Component):
         self, m: Module, row_taken: Value, held: Value, starts: Signal, scans: Signal, pack: Pack,
     ) -> None:
         """Tracks the strips of a frame, in order, and the end of the frame."""
-        strips = (self.height + (TILE - 1)) >> _TILE_BITS
+        height, _, apart = self._own_rows()
+        strips = (height + ((TILE << apart) - 1)) >> (_TILE_BITS + apart)
         to_take, to_scan, ended, written = Signal.like(strips), Signal.like(strips), Signal(), Signal()
         m.d.comb += [
             self._accepts.eq(to_take.any() & ~self._wiping), self.finished.eq(written & self.writes_idle),
@@ -264,11 +278,13 @@ class WarpUnit(wiring.Component):
             window.start.eq(starts), window.run.eq(scans), window.last.eq(self._last), window.rows.eq(rows),
             pack.start.eq(starts), pack.base.eq(base), pack.width.eq(self._width), pack.last.eq(self._last),
             pack.rows.eq(rows)]
+        height, first, apart = self._own_rows()
         with m.If(self.begin):
-            m.d.sync += [left.eq(self.height), base.eq(self.target_frame_base << ADDRESS_BITS - BEAT_BITS)]
+            m.d.sync += [left.eq(height), base.eq(first)]
         with m.If(starts):
             m.d.sync += [
-                rows.eq(Mux(left > TILE, TILE, left)), left.eq(left - TILE), base.eq(base + (self._width << _TILE_BITS))]
+                rows.eq(Mux(left > TILE, TILE, left)), left.eq(left - (TILE << apart)),
+                base.eq(base + (self._width << _TILE_BITS + apart))]
         with m.If(self._wiping):
             m.d.sync += [pair.eq(pair + 1), self._wiping.eq(~pair.all())]
 

@@ -11,6 +11,7 @@ from golden.kernels import compile_note, compile_seconds
 from golden.msv2_ref import joint_request
 from golden.msv2_ref.eyes import KINDS, render_request, stereo_statistics
 from golden.msv2_ref.joint_request import arguments_of_an_eye
+from golden.msv2_ref.joint_warp import WarpedJointFrame
 from golden.msv2_ref.plan import Work, work_for
 from golden.scenes.load import TRAINED
 from golden.scenes.pictures import save_png
@@ -31,7 +32,7 @@ from spec.paths import BUILD, short_path
 from spec.private import output_folder
 from tb.common.runner import WAVES_FILE, SimulationError, Waves, parse_window
 from tb.common.wave_view import view_path
-from tb.frame.eyes import save_eyes, save_joint, simulate_eyes, simulate_joint
+from tb.frame.eyes import save_eyes, save_joint, simulate_eyes, simulate_joint, simulate_joint_warp
 from tb.frame.row import add_row_arguments, check_row, golden_row, row_numbers
 from tb.frame.simulate import simulate_frame
 from tb.frame.whole import picture, simulate_row
@@ -82,6 +83,7 @@ examples:
   %(prog)s --frames 3 --turn 5                    three frames in a row, each with the lists that suit the one before
   %(prog)s --stereo --ecc-thresh 27 --config paper_small    two eyes, the second warped beyond 27 degrees
   %(prog)s --stereo --config v3_eyes              two eyes in one set of lists, nothing warped
+  %(prog)s --stereo --ecc-thresh 18 --config v3_eyes_warp    the same, the second warped beyond 18 degrees
   %(prog)s --stereo --config v3_eyes_streams --pixels packed    the same by four arrays, both eyes' frames packed
   %(prog)s --part array --config paper            only the array, with the golden renderer's intersections
 """
@@ -110,7 +112,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     choice("part", args.part, PARTS)
     args.pixels = args.pixels or ("display" if args.stereo else "wide")
     joint = args.stereo and config.supertiles
-    if args.stereo and (args.part != "machine" or (args.pixels != "display" and not config.joint)):
+    if args.stereo and (args.part != "machine" or (args.pixels != "display" and (
+            config.stereo or not config.joint))):
         raise InputError(f"part {args.part!r}, pixels {args.pixels!r} are not accepted with --stereo: 'machine', 'display' are")
     check_row(args)
     options = run_options(args)
@@ -119,7 +122,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.incremental is not None:
         config = config.with_(incremental=options.incremental)
     waves = Waves(*parse_window(args.wave_cycles)) if args.waves else None
-    take_stereo_arguments(args, joint=joint)
+    take_stereo_arguments(args, joint=joint, warps=config.warps_joint if joint else None)
     if joint:
         with_joint_frames(config)  # raises where the machine has one eye, before the scene is read
     if args.part == "array" and config.supertiles:
@@ -129,6 +132,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         with_packed_frames(config)  # raises where the machine packs no frames
     asked = arguments_of_an_eye(args) if joint else args
     work = work_for(asked, resolve(args), config, contention=options.bytes_per_cycle is not None, full=options.full)
+    if joint:
+        work = joint_request.with_warp_unit(work, config)
     with output_folder(args.out, BUILD / "frame") as out:
         return _simulated(args, work, config, options, waves, out)
 
@@ -203,6 +208,11 @@ def _joint(
     """The same of a joint frame (`spec.joint`)."""
     golden = joint_request.render_request(args, work.request, work.config, work.words, work.foveation, beta=options.beta)
     (out / "frame.json").unlink(missing_ok=True)
+    if isinstance(golden, WarpedJointFrame):
+        numbers, result = simulate_joint_warp(
+            golden, device.machine(golden.config), folder, beta=options.beta, speed=_speed(options), waves=waves)
+        save_eyes(golden, result, out)
+        return {**numbers, "stereo": joint_request.joint_statistics(args, work.request, golden)}
     numbers, result = simulate_joint(
         golden, device.machine(golden.config), folder, beta=options.beta, speed=_speed(options), display=options.display,
         packed=options.packed, waves=waves)

@@ -6,12 +6,14 @@ from pathlib import Path
 
 from golden.msv2_ref.eyes import StereoFrame
 from golden.msv2_ref.joint import JointFrame
+from golden.msv2_ref.joint_warp import WarpedJointFrame
 from golden.scenes.pictures import kinds_picture, save_png
 from spec.records import frame_tiles
 from spec.stereo import clear_cycles
 from tb.common.runner import Waves
-from tb.frame.whole import compared, joint_performance, performance, picture, played
+from tb.frame.whole import compared, joint_performance, joint_warp_performance, performance, picture, played
 from tb.top.check_joint import joint_counter_errors, joint_mismatches, joint_run
+from tb.top.check_joint_warp import joint_warp_counter_errors, joint_warp_mismatches, joint_warp_run
 from tb.top.check_stereo import stereo_counter_errors, stereo_mismatches, stereo_run
 from tb.top.device import Machine
 from tb.top.memory import MemorySpeed
@@ -63,6 +65,26 @@ def simulate_joint(
     return numbers, result
 
 
+def simulate_joint_warp(
+    frame: WarpedJointFrame, machine: Machine, folder: Path, *, beta: int | None, speed: MemorySpeed,
+    waves: Waves | None = None,
+) -> tuple[dict[str, object], FrameResult]:
+    """The same of a joint frame with a warped target.
+
+    Raises:
+        SimulationError: the build fails, or the machine does not finish its frame.
+    """
+    run = joint_warp_run(frame, beta, speed, settle=clear_cycles(frame.config))
+    (result,), build_s = played(machine, [run], folder, waves)
+    numbers = {
+        **compared(frame.sweeps.eyes, result, joint_warp_mismatches(frame, result), joint_warp_counter_errors(frame, result)),
+        "groups": frame.groups, "source_entries": len(frame.source.entries.splat),
+        "target_entries": len(frame.target.entries.splat), "pairs": len(frame.joint.pairs.splat), "pairs_again": frame.again,
+        "shift": frame.registers.shift, "lists": frame.joint.bounds.lists, "shares": frame.shares,
+        "sweep_cycles": result.registers["cycles_target"], **joint_warp_performance(frame, result, speed), "build_s": build_s}
+    return numbers, result
+
+
 def save_joint(frame: JointFrame, result: FrameResult, out: Path) -> None:
     """Writes left.png and right.png as the machine rendered them."""
     pictures = [picture(eye, pixels) for eye, pixels in zip(frame.eyes, (result.pixels, result.target), strict=True)]
@@ -76,7 +98,7 @@ def overhead(numbers: dict) -> float:
     return round(numbers["cycles"] / (numbers["geometry_cycles"] + numbers["bound_cycles"]), 4)
 
 
-def save_eyes(frame: StereoFrame, result: FrameResult, out: Path) -> None:
+def save_eyes(frame: StereoFrame | WarpedJointFrame, result: FrameResult, out: Path) -> None:
     """Writes left.png and right.png as the machine rendered them, and right_source.png or left_source.png, which shows how each
     pixel of the target eye was obtained."""
     source, target = (pixels.colour.astype("uint8") for pixels in (result.pixels, result.target))

@@ -12,16 +12,18 @@ import numpy as np
 from golden.host.memory_image import DisplayPixels, FramePixels, PackedPixels
 from golden.msv2_ref.array import Pixels
 from golden.msv2_ref.joint import JointFrame
+from golden.msv2_ref.joint_warp import WarpedJointFrame
 from golden.msv2_ref.pipeline import Frame
 from golden.msv2_ref.projection import VISIBLE
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import BEAT_BYTES
-from spec.registers import read_clients, stages, write_clients
+from spec.registers import STEREO_WRITE_CLIENTS, read_clients, stages, write_clients
 from tb.common.runner import SimulationError, Waves, build
 from tb.frame.bound import RENDER_WRITES, bound_cycles, joint_bound_cycles, render_reads
 from tb.top.check import counter_errors, expected_events, frame_run, mismatches
 from tb.top.check_joint import joint_events
+from tb.top.check_joint_warp import joint_warp_events
 from tb.top.device import Machine
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult, FrameRun, play_frames
@@ -118,6 +120,14 @@ def joint_performance(frame: JointFrame, result: FrameResult, speed: MemorySpeed
     bounds = joint_bound_cycles(frame, r["ops"], _beats(r, "read", render_reads(config)), _beats(r, "write", RENDER_WRITES),
                                 speed.bytes_per_cycle)
     return measured(config, result, speed, bounds, joint_events(frame))
+
+
+def joint_warp_performance(frame: WarpedJointFrame, result: FrameResult, speed: MemorySpeed) -> dict[str, object]:
+    """The same of a joint frame with a warped target, of both sweeps together."""
+    r, config = result.registers, frame.config
+    bounds = joint_bound_cycles(frame.sweeps, r["ops"], _beats(r, "read", render_reads(config)),
+                                _beats(r, "write", (*RENDER_WRITES, *STEREO_WRITE_CLIENTS)), speed.bytes_per_cycle)
+    return measured(config, result, speed, bounds, joint_warp_events(frame))
 
 
 def measured(

@@ -15,6 +15,7 @@ from golden.msv2_ref.joint import JointFrame
 from golden.msv2_ref.joint_batches import JointBatches
 from golden.msv2_ref.pipeline import Frame
 from rtl.supertiles.batch_buffer import LATENCY
+from rtl.supertiles.batch_masks import mask_places
 from spec.config import TINY_EYES, TINY_V3, V3, V3_EYES, AcceleratorConfig
 from spec.constants import MAX_LEVELS, SUPER_TILES
 from spec.memory import SHIFT_BITS
@@ -29,6 +30,7 @@ from tb.supertiles.batch_device import LATE, Mode, playback
 from tb.supertiles.batch_stimuli import (
     DIRECTED,
     EVERY,
+    Batch,
     Case,
     Tiles,
     Visit,
@@ -116,7 +118,8 @@ def most_cycles(config: AcceleratorConfig, case: Case) -> int:
     """Cycles of a run without pauses in which no tile stops, at most.
 
     A batch is filled at a place a cycle once its half is free and the batch before it is complete. It is dealt at an item a
-    cycle once it is complete and the batch before it is dealt.
+    cycle once it is complete and the batch before it is dealt. It is complete when the masks of its last group of places have
+    moved on (`group_wait`).
     """
     dealt: Counter[int] = Counter()
     for visit in wanted_visits(config, case):
@@ -125,9 +128,25 @@ def most_cycles(config: AcceleratorConfig, case: Case) -> int:
     free = [0, 0]
     for number, batch in enumerate(wanted_batches(config, case)):
         filled = max(filled + BETWEEN + case.joint, free[number % 2]) + len(batch.places)
+        filled += group_wait(config, case, batch)
         left = max(left, filled + LATENCY - 1) + dealt[number]
         free[number % 2] = left
     return left
+
+
+def group_wait(config: AcceleratorConfig, case: Case, batch: Batch) -> int:
+    """Cycles for which the masks of a batch's last group of places wait for those of the group before. These are written a tile
+    in a cycle while the last group comes, a place in a cycle."""
+    size, count = mask_places(config), len(batch.places)
+    last = (count - 1) % size + 1
+    before = case.places[batch.places[: count - last][-size:]]
+    tiles: list[set[tuple[int, int]]] = [set() for _ in range(config.streams)]
+    for place, masks in zip(before, before["mask"].reshape(len(before), config.streams), strict=True):
+        eye = int(place["eye"]) if config.joint else 0
+        levels = case.supertiles["level"][batch.supertile * case.eyes + eye]
+        for own, mask in zip(tiles, masks.tolist(), strict=True):
+            own |= {(eye, tile) for tile in range(SUPER_TILES) if mask >> tile & 1 and levels[tile] == place["level"]}
+    return max(0, *(len(own) - last for own in tiles))
 
 
 def cleared(entries: np.ndarray) -> np.ndarray:

@@ -188,7 +188,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
         plan.append(plan_of(config, case, f"frames after a reset at {cycles}"))
     for k, delay in enumerate((1, 30, MOST_DELAY - 1)):
         case = random_case(config, rng, f"rate, latency {delay}", side, side // (k + 1), frames=1, lists=0.2)
-        most = max(SUPERTILE_BEATS * len(case.counts[0]), sum(map(len, case.counts[0]))) + delay + SETTLING
+        most = max((SUPERTILE_BEATS + 1) * len(case.counts[0]), sum(map(len, case.counts[0]))) + delay + SETTLING
         plan.append(plan_of(config, case, delay=delay, reset=False, quiet=0, most_cycles=most))
     return plan
 
@@ -216,7 +216,7 @@ def joint_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
         plan.append(plan_of(config, case, f"joint, cut off after {cycles} cycles", abort=cycles))
         plan.append(plan_of(config, case, f"joint frames after a reset at {cycles}"))
     case = random_case(config, rng, "joint, rate", side, side // 2, frames=1, lists=0.2, joint=True, shift=1)
-    most = EYES * SUPERTILE_BEATS * len(case.counts[0]) + 30 + SETTLING
+    most = EYES * (SUPERTILE_BEATS + 1) * len(case.counts[0]) + 30 + SETTLING
     plan.append(plan_of(config, case, delay=30, reset=False, quiet=0, most_cycles=most))
     return plan
 

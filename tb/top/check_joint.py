@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from math import ceil
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
-from golden.host.memory_image import PackedPixels, memory_image, spill_beats
+from golden.host.memory_image import DisplayPixels, FramePixels, PackedPixels, memory_image, spill_beats
 from golden.msv2_ref.joint import JointFrame
 from golden.msv2_ref.joint_batches import JointBatches
 from golden.msv2_ref.saturations import joint_saturations
@@ -18,6 +19,8 @@ from tb.top.check_packed import joint_packed_errors
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult, FrameRun
 from tb.top.progress import Pass
+
+Pixels: TypeAlias = FramePixels | DisplayPixels | PackedPixels
 
 
 def joint_run(
@@ -41,7 +44,16 @@ def _expected(frame: JointFrame) -> Pass:
                 max(joint_ops(frame) // config.streams, 2 * pairs * config.point_interval), 2 * r.width * r.height)
 
 
-def joint_mismatches(frame: JointFrame, result: FrameResult) -> list[dict[str, object]]:
+class _Eyes(Protocol):
+    """The pixels of both eyes."""
+
+    @property
+    def pixels(self) -> Pixels: ...
+    @property
+    def target(self) -> Pixels | None: ...
+
+
+def joint_mismatches(frame: JointFrame, result: _Eyes) -> list[dict[str, object]]:
     """Every value in which an eye's frame from memory differs from the golden one, as `check.mismatches` tells them: first the
     source eye's, then the target's."""
     names = ("source", "target") if frame.pair is None else (frame.pair.source_eye, frame.pair.target_eye)

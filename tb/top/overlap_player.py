@@ -48,14 +48,15 @@ class Row:
 
 @dataclass(frozen=True)
 class RowFrame:
-    """A frame of a row as it ended: its pixels, its error, its events by name, the registers after it, and the cycle in which
-    it was started."""
+    """A frame of a row as it ended: its pixels, its error, its events by name, the registers after it, the cycle in which it
+    was started, and of frames of two eyes the target eye's pixels."""
 
     pixels: FramePixels | DisplayPixels | PackedPixels
     error: ErrorCode
     events: dict[str, int]
     registers: dict[str, int]
     begun: int
+    target: FramePixels | DisplayPixels | PackedPixels | None = None
 
 
 @dataclass(frozen=True)
@@ -161,7 +162,8 @@ def _result(
         error = outcome(*(ErrorCode(registers.part("error", part, values["error"])) for part in ("code", "first_code")),
                         found["place"], found["together"])
         now = {name: values[name] for name in before}
-        frames.append(RowFrame(image.frame(folder / f"{order['dump'][0]}.dump"), error,
-                               {name: now[name] - before[name] for name in now}, values, found["begun"]))
+        dump = folder / f"{order['dump'][0]}.dump"
+        frames.append(RowFrame(image.frame(dump), error, {name: now[name] - before[name] for name in now}, values,
+                               found["begun"], image.target_frame(dump)))
         before = now
     return RowResult(tuple(frames), errors, item["reads"], item["writes"])

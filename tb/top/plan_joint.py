@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from golden.msv2_ref.buckets import next_bounds
-from golden.msv2_ref.joint import render_joint
+from golden.msv2_ref.batches import following
+from golden.msv2_ref.buckets import next_bounds, no_bounds
+from golden.msv2_ref.joint import JointFrame, render_joint
+from golden.msv2_ref.joint_warp import render_warped_joint
 from golden.msv2_ref.supertiles import list_counts, merge_lists
 from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.model import GaussianModel
@@ -28,20 +31,22 @@ from tb.top.stimuli_stereo import aside, wall
 def joint_case(
     config: AcceleratorConfig, name: str, model: GaussianModel, size: tuple[int, int], *, baseline: float = 0.1,
     source_eye: str = "left", gaze: tuple[float, float] | None = None, beta: int | None = None, obb: bool = False,
-    shift: int | None = None, shared_colour: bool = False,
+    shift: int | None = None, shared_colour: bool = False, threshold_deg: float | None = None, second_sweep: bool = True,
 ) -> Case:
-    """The golden frame of a model. A `gaze` in pixels turns foveation on in both eyes; `baseline` is in world units."""
+    """The golden frame of a model. A `gaze` in pixels turns foveation on in both eyes; `baseline` is in world units. Without a
+    `threshold_deg` nothing is warped; with it, `second_sweep` says whether tiles with holes are rendered."""
     foveation = None if gaze is None else foveation_map(Display(*size), gaze, model.levels)
     pair = stereo_pair(camera_of(*size), ipd_metres=baseline, source_eye=source_eye)
-    frame = render_joint(model, pair, config=config, foveation=foveation, background=(0.2, 0.5, 1.0), beta=beta, obb=obb,
-                         shift=shift, shared_colour=shared_colour)
+    how = {"config": config, "foveation": foveation, "background": (0.2, 0.5, 1.0), "beta": beta, "obb": obb, "shift": shift,
+           "shared_colour": shared_colour}
+    frame = render_joint(model, pair, **how) if threshold_deg is None else render_warped_joint(
+        model, pair, **how, threshold_deg=threshold_deg, second_sweep=second_sweep)
     return Case(name, frame, beta, obb)
 
 
 def joint_cases(config: AcceleratorConfig, seed: int) -> list[Case]:
     """Small frames of two eyes, of every kind."""
     rng, levels = np.random.default_rng(seed), config.levels
-    chunk, widest = config.sort_chunk, config.row_width
     scene, plain, solid = cloud(rng, 250, levels=levels, sh=1), cloud(rng, 120, sh=3), wall(rng, 4, levels)
     spread = clusters(rng, 40, 70, levels)
 
@@ -62,14 +67,24 @@ def joint_cases(config: AcceleratorConfig, seed: int) -> list[Case]:
         make("disparities beyond the frame", plain, (70, 40), baseline=30.0),
         make("seen by the target eye alone", aside(cloud(rng, 150), 100.0), (48, 33), baseline=100.0),
         make("around both cameras", near, baseline=0.8),
+        *edge_cases(config, make, plain, rng),
+    ]
+
+
+def edge_cases(
+    config: AcceleratorConfig, make: Callable[..., Case], plain: GaussianModel, rng: np.random.Generator,
+) -> list[Case]:
+    """Frames of unusual sizes and settings; `make` makes a frame of two eyes of a name and, where they matter, of a model and a
+    size."""
+    return [
         make("bounding boxes", obb=True, baseline=0.4),
         make("beta 0", beta=0), make("beta 60", beta=60),
         make("no Gaussians", cloud(rng, 0), (40, 20)),
         make("one pixel", plain, (1, 1), shift=2),
         make("odd size", plain, (17, 19), shift=-5),
-        make("widest row", cloud(rng, 80), (widest, 20), shift=7),
+        make("widest row", cloud(rng, 80), (config.row_width, 20), shift=7),
         make("one column", plain, (3, 70)),
-        make("groups that spill", crowd(rng, 3 * chunk), (48, 32)),
+        make("groups that spill", crowd(rng, 3 * config.sort_chunk), (48, 32)),
     ]
 
 
@@ -79,9 +94,13 @@ def good_joint_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
 
 
 def after(this: Case, before: Case) -> Case:
-    """A joint case as the machine renders it right after another one of as many super-tiles."""
+    """A case of one eye or of two as the machine renders it with the bounds that another one leaves."""
     frame, pairs = this.frame, before.frame.pairs
-    bounds = next_bounds(frame.config, pairs.start, pairs.depth_key)
+    if not isinstance(frame, JointFrame):
+        return replace(this, frame=following(frame, before.frame, this.beta))
+    bounds, count = next_bounds(frame.config, pairs.start, pairs.depth_key), len(frame.pairs.start) - 1
+    if bounds.supertiles != count:
+        bounds = no_bounds(count)
     groups = merge_lists(frame.config, list_counts(frame.pairs, bounds), this.beta)
     return replace(this, frame=replace(frame, eyes=tuple(replace(eye, bounds=bounds, groups=groups) for eye in frame.eyes)))
 

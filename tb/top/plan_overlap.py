@@ -6,28 +6,46 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from golden.msv2_ref import pipeline
-from golden.msv2_ref.batches import following
+from golden.msv2_ref.joint import render_joint
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.model import GaussianModel
+from golden.scenes.stereo import stereo_pair
 from spec.codes import ErrorCode
 from spec.config import AcceleratorConfig
+from spec.joint import SHIFT_MOST
 from spec.memory import FIRST_PAGE_BEATS
 from spec.supertiles import BUCKET_PAIRS
 from tb.common.exact import Outcome
 from tb.common.runner import Waves
 from tb.top.check import expected_events, mismatches
+from tb.top.check_joint import joint_events, joint_mismatches
 from tb.top.device import machine
 from tb.top.overlap_player import Row, RowFrame, RowResult, play_rows
+from tb.top.plan_joint import after, joint_case
 from tb.top.planned import SPEEDS, PlannedFrame, planned
 from tb.top.stimuli import Case, camera_of, case, cloud, crowd
 
 FRAMES_APART = 2
 """The bounds of a frame are those of the frame so many before it."""
+
+
+class Eyes(NamedTuple):
+    """How a joint frame is rendered: which eye is the source, the setting `shift`, None for the host's choice, and whether the
+    target has the source's colours."""
+
+    source_eye: str = "left"
+    shift: int | None = None
+    shared_colour: bool = False
+
+
+EYES = (Eyes(), Eyes("right", -3), None, Eyes(shared_colour=True), Eyes("right", SHIFT_MOST), None)
+"""The eyes of a row's frames in turn, in machines with joint frames; None for frames of one eye."""
 
 _SHOWN = 5
 
@@ -43,22 +61,23 @@ def turning(
     config: AcceleratorConfig, name: str, model: GaussianModel, size: tuple[int, int], count: int, *,
     gaze: tuple[float, float] | None = None, beta: int | None = None, degrees: float = 5.0,
 ) -> list[Case]:
-    """Golden frames of a camera that turns and of a gaze that moves right, one pixel for each degree."""
+    """Golden frames of a camera that turns and of a gaze that moves right, one pixel for each degree; in machines with joint
+    frames those of EYES in turn."""
     cases = []
     for number in range(count):
+        camera, eyes = turned(camera_of(*size), number * degrees), EYES[number % len(EYES)] if config.joint else None
         foveation = None if gaze is None else foveation_map(
             Display(*size), (gaze[0] + number * degrees, gaze[1]), model.levels)
-        frame = pipeline.render(
-            model, turned(camera_of(*size), number * degrees), config=config, foveation=foveation,
-            background=(0.2, 0.1 * number, 1.0), beta=beta)
-        cases.append(Case(f"{name} {number}", frame, beta, False))
+        how = {"config": config, "foveation": foveation, "background": (0.2, 0.1 * number, 1.0), "beta": beta}
+        cases.append(Case(f"{name} {number}", pipeline.render(model, camera, **how) if eyes is None else render_joint(
+            model, stereo_pair(camera, ipd_metres=0.3, source_eye=eyes.source_eye), **how, shift=eyes.shift,
+            shared_colour=eyes.shared_colour), beta, False))
     return cases
 
 
 def in_a_row(cases: Sequence[Case]) -> list[Case]:
     """The cases as the machine renders them in a row after a reset: each with the bounds of the frame before the last."""
-    return [each if number < FRAMES_APART else replace(
-        each, frame=following(each.frame, cases[number - FRAMES_APART].frame, each.beta)) for number, each in enumerate(cases)]
+    return [each if number < FRAMES_APART else after(each, cases[number - FRAMES_APART]) for number, each in enumerate(cases)]
 
 
 def row(name: str, cases: Sequence[Case], speed: str = "usual", formats: Sequence[dict[str, bool]] = ({},), **options: object,
@@ -74,16 +93,31 @@ def good_rows(config: AcceleratorConfig, seed: int) -> list[Row]:
     formats = ({}, {"display": True}, *([{"packed": True}] if config.packed else []))
     scene = cloud(rng, 220, levels=levels, sh=1)
     many = crowd(rng, 2 * BUCKET_PAIRS + 700)
-    small = case(config, "few", crowd(rng, 40), (16, 16), beta=0)
-    wide = case(config, "wide", crowd(rng, 300), (140, 16), beta=0)
-    spilling = case(config, "spilling", crowd(rng, 2 * config.sort_chunk + 5), (16, 16), beta=0)
-    bounds = [case(config, f"many {n}", replace(many, means=(1 - 0.05 * n) * many.means), (16, 16), beta=0) for n in range(3)]
-    return [
+    small = _crowded(config, "few", crowd(rng, 40))
+    wide = _crowded(config, "wide", crowd(rng, 300), (140, 16))
+    spilling = _crowded(config, "spilling", crowd(rng, 2 * config.sort_chunk + 5))
+    bounds = [_crowded(config, f"many {n}", replace(many, means=(1 - 0.05 * n) * many.means)) for n in range(3)]
+    rows = [
         row("turning", turning(config, "turning", scene, (64, 48), 4, gaze=(20, 30) if levels > 1 else None), formats=formats),
         row("turning, instant", turning(config, "turning", scene, (48, 40), 3, degrees=-20), "instant", formats[::-1]),
         row("bounds", [bounds[0], bounds[1], bounds[2], bounds[0], small, bounds[1], wide, bounds[2]], "instant"),
         row("unlike", [wide, spilling, small, wide, spilling], "pauses", formats),
     ]
+    if config.joint:  # both have one super-tile, so that each has the bounds of the other
+        one = [case(config, f"one eye {n}", many, (16, 16), beta=0) for n in range(2)]
+        two = [joint_case(config, f"two eyes {n}", many, (16, 16), beta=0, shift=shift) for n, shift in enumerate((2, -1))]
+        rows += [
+            row("one eye, then two", [one[0], one[1], two[0], two[1], one[0], one[1], two[1]], "instant"),
+            row("every kind of eyes", turning(config, "eyes", scene, (90, 40), 2 * len(EYES), degrees=3,
+                                              gaze=(30, 20) if levels > 1 else None), "far", formats)]
+    return rows
+
+
+def _crowded(config: AcceleratorConfig, name: str, model: GaussianModel, size: tuple[int, int] = (16, 16)) -> Case:
+    """A frame of a crowd, in machines with joint frames of both eyes."""
+    if config.joint:
+        return joint_case(config, name, model, size, beta=0, shift=1)
+    return case(config, name, model, size, beta=0)
 
 
 def broken_rows(config: AcceleratorConfig, seed: int) -> list[Row]:
@@ -91,7 +125,7 @@ def broken_rows(config: AcceleratorConfig, seed: int) -> list[Row]:
     where the machine needs none."""
     rng = np.random.default_rng(seed)
     scene = turning(config, "scene", cloud(rng, 200, sh=1), (64, 48), 4)
-    spilling = case(config, "spilling", crowd(rng, 2 * config.sort_chunk + 5), (16, 16), beta=0)
+    spilling = _crowded(config, "spilling", crowd(rng, 2 * config.sort_chunk + 5))
     none, aborted = ErrorCode.NONE, ErrorCode.ABORTED
     rows: list[Row] = []
 
@@ -109,14 +143,16 @@ def broken_rows(config: AcceleratorConfig, seed: int) -> list[Row]:
     add("abort of a frame alone", [(scene[0], aborted)], abort=900)
     for cycles in (5, 1500):
         add(f"reset {cycles} cycles after the second start", pair, cut=cycles)
-    for region in ("geometry", "chunks", "tiles"):
+    for region in ("geometry", "chunks", "tiles", *(["target_tiles"] if config.joint else [])):
         add(f"{region} of the second frame fails", [(scene[0], aborted), (scene[1], ErrorCode.READ_ERROR)], failing=(1, region))
     add("entries of the second frame fail", [(scene[0], aborted), (scene[1], ErrorCode.WRITE_ERROR)], failing=(1, "entries"))
-    add("frame of the first frame fails", [(scene[0], ErrorCode.WRITE_ERROR), (scene[1], aborted)], failing=(0, "frame"))
+    for region in ("frame", *(["target_frame"] if config.joint else [])):
+        add(f"{region} of the first frame fails", [(scene[0], ErrorCode.WRITE_ERROR), (scene[1], aborted)], failing=(0, region))
     add("no room for second pages", [(scene[0], aborted), (spilling, ErrorCode.ENTRIES_FULL)],
         changes={"entries_beats": FIRST_PAGE_BEATS})
     add("no room for runs", [(spilling, ErrorCode.SPILL_FULL), (scene[1], aborted)], which=0, changes={"spill_beats": 2})
-    add("a bad setting beside a frame", [(scene[0], none), (scene[1], ErrorCode.BAD_SETTING)], changes={"near": 0})
+    for name, value in (("near", 0), *([("shift", SHIFT_MOST + 1)] if config.joint else [])):
+        add(f"a bad {name} beside a frame", [(scene[0], none), (scene[1], ErrorCode.BAD_SETTING)], changes={name: value})
     return rows
 
 
@@ -136,10 +172,13 @@ def row_problems(item: Row, result: RowResult) -> list[str]:
 
 
 def _differing(item: PlannedFrame, frame: RowFrame) -> list[str]:
-    wrong = mismatches(item.frame, frame.pixels)
+    if item.joint is None:
+        wrong, events = mismatches(item.frame, frame.pixels), expected_events(item.frame)
+    else:
+        wrong, events = joint_mismatches(item.joint, frame), joint_events(item.joint)
     found = [str(m) for m in wrong[:_SHOWN]] + [f"and {len(wrong) - _SHOWN} more values"] * (len(wrong) > _SHOWN)
     return found + [f"{name} must be {wanted}, not {frame.events[name]}"
-                    for name, wanted in expected_events(item.frame).items() if frame.events[name] != wanted]
+                    for name, wanted in events.items() if frame.events[name] != wanted]
 
 
 def run_rows(config: AcceleratorConfig, rows: Sequence[Row], folder: Path, *, waves: Waves | None = None) -> Outcome:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from golden.host.memory_image import PackedPixels
 from golden.msv2_ref.eyes import StereoFrame
 from golden.msv2_ref.joint import JointFrame
+from golden.msv2_ref.joint_warp import WarpedJointFrame
 from golden.msv2_ref.pipeline import Frame
 from spec.codes import ErrorCode
 from spec.config import AcceleratorConfig
@@ -14,6 +15,7 @@ from spec.memory import BEAT_BYTES
 from spec.packed import table_beat
 from tb.top.check import counter_errors, frame_run, mismatches
 from tb.top.check_joint import joint_counter_errors, joint_mismatches, joint_run
+from tb.top.check_joint_warp import joint_warp_counter_errors, joint_warp_mismatches, joint_warp_run
 from tb.top.check_stereo import stereo_counter_errors, stereo_mismatches, stereo_run
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult, FrameRun
@@ -36,6 +38,7 @@ class PlannedFrame:
         frame: the golden frame; for two eyes, the source eye's.
         error: the error code with which the frame must end.
         registers: the values that registers must hold at the end, by name.
+        warped: the golden frame of both eyes, where they have one set of lists and the second is warped on top.
         stereo, joint: the golden frame of both eyes, where there are two and the second is warped, or where they have one set
             of lists.
     """
@@ -46,6 +49,7 @@ class PlannedFrame:
     registers: dict[str, int] = field(default_factory=dict)
     stereo: StereoFrame | None = None
     joint: JointFrame | None = None
+    warped: WarpedJointFrame | None = None
 
     @property
     def name(self) -> str:
@@ -63,12 +67,15 @@ def pixels_of(config: AcceleratorConfig, number: int) -> dict[str, bool]:
 
 def planned(case: Case, name: str = "", speed: str = "usual", error: ErrorCode = ErrorCode.NONE,
             registers: dict[str, int] | None = None, **options: object) -> PlannedFrame:
-    """A case on the memory SPEEDS[speed]; `options` are further arguments of `frame_run`, `stereo_run` or `joint_run`."""
+    """A case on the memory SPEEDS[speed]; `options` are further arguments of `frame_run`, `stereo_run`, `joint_run` or
+    `joint_warp_run`."""
     frame = case.frame
-    play = stereo_run if isinstance(frame, StereoFrame) else joint_run if isinstance(frame, JointFrame) else frame_run
+    plays = {StereoFrame: stereo_run, JointFrame: joint_run, WarpedJointFrame: joint_warp_run}
+    play = plays.get(type(frame), frame_run)
     run = play(frame, case.beta, SPEEDS[speed], ", ".join(filter(None, (case.name, name))), obb=case.obb, **options)
     return PlannedFrame(run, frame if isinstance(frame, Frame) else frame.source, error, registers or {},
-                        frame if isinstance(frame, StereoFrame) else None, frame if isinstance(frame, JointFrame) else None)
+                        frame if isinstance(frame, StereoFrame) else None, frame if isinstance(frame, JointFrame) else None,
+                        frame if isinstance(frame, WarpedJointFrame) else None)
 
 
 def failing(case: Case, region: str, error: ErrorCode, registers: dict[str, int], **options: object) -> PlannedFrame:
@@ -113,6 +120,8 @@ def _compared(item: PlannedFrame, result: FrameResult) -> tuple[list[dict[str, o
     """The values and the counters in which a frame that ended well differs from the golden one."""
     if item.stereo is not None:
         return stereo_mismatches(item.stereo, result), stereo_counter_errors(item.stereo, result)
+    if item.warped is not None:
+        return joint_warp_mismatches(item.warped, result), joint_warp_counter_errors(item.warped, result)
     if item.joint is not None:
         return joint_mismatches(item.joint, result), joint_counter_errors(item.joint, result)
     return mismatches(item.frame, result.pixels), counter_errors(item.frame, result)

@@ -9,6 +9,7 @@ import numpy as np
 from golden.msv2_ref import pipeline
 from golden.msv2_ref.eyes import StereoFrame
 from golden.msv2_ref.joint import JointFrame
+from golden.msv2_ref.joint_warp import WarpedJointFrame
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.model import SH_REST_COUNT, GaussianModel
@@ -28,7 +29,7 @@ class Case:
     """
 
     name: str
-    frame: pipeline.Frame | StereoFrame | JointFrame
+    frame: pipeline.Frame | StereoFrame | JointFrame | WarpedJointFrame
     beta: int | None
     obb: bool
 

@@ -19,11 +19,15 @@ from spec.config import (
     SHORT_FORMATS,
     TINY,
     TINY_EYES,
+    TINY_EYES_OVERLAP,
+    TINY_EYES_WARP,
     TINY_OVERLAP,
     TINY_STREAMS,
     TINY_V3,
     V3,
     V3_EYES,
+    V3_EYES_OVERLAP,
+    V3_EYES_WARP,
     V3_OVERLAP,
     V3_PACKED,
     V3_RECORDS,
@@ -41,6 +45,7 @@ from tb.top.check import frame_run
 from tb.top.device import Machine, machine
 from tb.top.plan_buckets import bucket_plan
 from tb.top.plan_joint import broken_joint_plan, good_joint_plan
+from tb.top.plan_joint_warp import broken_joint_warp_plan, good_joint_warp_plan
 from tb.top.plan_stereo import broken_stereo_plan, good_stereo_plan
 from tb.top.planned import SPEEDS, PlannedFrame, failing, failing_table, pixels_of, planned, problems
 from tb.top.player import play_frames
@@ -64,13 +69,16 @@ VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny_eyes": TINY_EYES, "tiny_eyes_streams": TINY_STREAMS.with_(name="tiny_eyes_streams", joint=True),
     "tiny_eyes_packed": TINY_EYES.with_(name="tiny_eyes_packed", packed=True),
     "tiny_eyes_full": TINY_STREAMS.with_(name="tiny_eyes_full", joint=True, packed=True), "v3_eyes": V3_EYES,
+    "tiny_eyes_warp": TINY_EYES_WARP, "v3_eyes_warp": V3_EYES_WARP,
     "tiny_overlap": TINY_OVERLAP, "v3_overlap": V3_OVERLAP,
-    "tiny_overlap_streams": TINY_STREAMS.with_(name="tiny_overlap_streams", overlap=True, packed=True)}
+    "tiny_overlap_streams": TINY_STREAMS.with_(name="tiny_overlap_streams", overlap=True, packed=True),
+    "tiny_eyes_overlap": TINY_EYES_OVERLAP, "v3_eyes_overlap": V3_EYES_OVERLAP,
+    "tiny_eyes_overlap_full": TINY_STREAMS.with_(name="tiny_eyes_overlap_full", joint=True, overlap=True, packed=True)}
 """Configurations that can be tested."""
 
 DISTINCT = ("tiny", "tiny_baseline", "tiny_stereo", "tiny_stereo_baseline", "tiny_short", "tiny_records", "tiny_chunks",
             "tiny_records_stereo", "tiny_v3", "tiny_v3_baseline", "tiny_v3_packed", "tiny_streams", "tiny_eyes",
-            "tiny_eyes_streams", "tiny_eyes_packed", "tiny_eyes_full")
+            "tiny_eyes_streams", "tiny_eyes_packed", "tiny_eyes_full", "tiny_eyes_warp")
 """Configurations with different machines: both ways of handing over, the presets' number formats, chunks, packed frames, four
 arrays, and joint frames. Larger machines are simulated with whole frames (`tb.frame`)."""
 
@@ -81,6 +89,8 @@ def good_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
     Frames have the formats of `pixels_of`, and the second run of a case has another one than the first. Machines with stereo
     or with joint frames play frames of two eyes instead, and some of one eye among them.
     """
+    if config.warps_joint:
+        return good_joint_warp_plan(config, seed)
     if config.stereo:
         return good_stereo_plan(config, seed)
     if config.joint:
@@ -96,6 +106,8 @@ def good_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
 def broken_plan(config: AcceleratorConfig, seed: int) -> list[PlannedFrame]:
     """Frames that end early. Each is followed by a frame that must be correct, and there is no reset between them where the
     machine needs none. Where the machine packs frames, they are packed."""
+    if config.warps_joint:
+        return broken_joint_warp_plan(config, seed)
     if config.stereo:
         return broken_stereo_plan(config, seed)
     if config.joint:

@@ -164,7 +164,7 @@ def test_settings_are_those_of_the_host_with_moved_bases(library: ctypes.CDLL, i
 
 
 @needs_gcc
-@pytest.mark.parametrize("machine", with_every_register(TINY), ids=["stereo", "super-tiles", "joint frames"])
+@pytest.mark.parametrize("machine", with_every_register(TINY), ids=["stereo", "super-tiles", "joint frames", "warped"])
 def test_every_base_is_moved(library: ctypes.CDLL, machine: AcceleratorConfig) -> None:
     """Of the machines with all registers: whatever setting is an address in memory, and no other."""
     registers = Registers(library)

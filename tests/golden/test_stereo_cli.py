@@ -138,9 +138,32 @@ def test_both_eyes_of_a_machine_with_super_tiles(tmp_path, capsys):
     assert not np.array_equal(picture(tmp_path / "one" / "right.png"), right)
 
 
+def test_a_warped_eye_of_a_machine_with_super_tiles(tmp_path, capsys):
+    arguments = ("embedded", "--stereo", "--size", "96x54", "--gaze", "48,27", "--levels", 4)
+    for name, more in (("whole", ("--config", "v3_eyes")), ("warped", ("--config", "v3_eyes_warp", "--ecc-thresh", 10)),
+                       ("holes", ("--config", "v3_eyes_warp", "--ecc-thresh", 10, "--second-sweep", "off"))):
+        render(*arguments, *more, "--out", tmp_path / name)
+    assert "holes " in capsys.readouterr().out
+    assert {p.name for p in (tmp_path / "warped").iterdir()} == {
+        "left.png", "right.png", "right_source.png", "anaglyph.png", "depth.png", "levels.png", "stats.json"}
+    left, right = ({name: picture(tmp_path / name / f"{eye}.png") for name in ("whole", "warped", "holes")}
+                   for eye in ("left", "right"))
+    assert np.array_equal(left["whole"], left["warped"]) and np.array_equal(left["whole"], left["holes"])
+    assert not np.array_equal(right["whole"], right["warped"]) and not np.array_equal(right["warped"], right["holes"])
+    stats = {name: json.loads((tmp_path / name / "stats.json").read_text())["stereo"] for name in ("whole", "warped", "holes")}
+    assert stats["warped"]["pairs"] == stats["whole"]["pairs"] == stats["holes"]["pairs"]
+    assert stats["warped"]["shares"]["tiles_rerendered"] > 0 == stats["warped"]["shares"]["holes"]
+    assert stats["holes"]["shares"]["holes"] > 0 == stats["holes"]["events"]["pairs_again"]
+    assert stats["warped"]["events"]["pairs_again"] > 0 and stats["warped"]["ecc_thresh_deg"] == 10
+
+
 @pytest.mark.parametrize(("arguments", "message"), [
-    (("--config", "v3", "--ecc-thresh", 20), "--ecc-thresh 20 is not accepted: machines with lists by super-tile render both"),
+    (("--config", "v3", "--ecc-thresh", 20), "--ecc-thresh 20 is not accepted: this machine renders both eyes whole; configs"),
     (("--config", "paper", "--eye-colours", "own"), "--eye-colours own is not accepted where the second eye is warped"),
+    (("--config", "paper", "--second-sweep", "on"), "--second-sweep on is not accepted where no eye of a joint frame is"),
+    (("--config", "v3_eyes", "--second-sweep", "off"), "--second-sweep off is not accepted where no eye of a joint frame"),
+    (("--config", "v3_eyes_warp", "--second-sweep", "1"), "second sweep '1' is not accepted: choose one of on, off"),
+    (("--config", "v3_eyes_warp", "--ecc-thresh", "-1"), "eccentricity threshold -1.0 is not accepted"),
     (("--config", "v3", "--eye-colours", "red"), "eye colours 'red' are not accepted: choose one of own, shared"),
 ])
 def test_arguments_of_the_other_kind_of_frame_are_refused(tmp_path, arguments, message):

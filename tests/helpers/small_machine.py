@@ -16,6 +16,7 @@ from pathlib import Path
 
 from synth.corners import Corner
 from synth.design import Design
+from synth.interfaces import ports_of
 from synth.liberty import ASAP7
 from synth.machine import TOP
 
@@ -107,7 +108,9 @@ def small_machine(folder: Path) -> tuple[Design, dict[str, dict], Corner]:
         path.write_text(text)
         stores = STORES if name.endswith("reader") else []
         parts[name] = {"netlist": str(path), "stores": stores, "memories": stores[1:], "cells_by_type": {"BUF": 1}}
-        texts[name] = f"module \\{name}\n  wire input 1 \\clk\nend\n"
+        ports = [f"  wire width {width} {way} {place} \\{port}\n"
+                 for place, (port, (way, width)) in enumerate(ports_of(text).items()) if not port.startswith("memory")]
+        texts[name] = f"module \\{name}\n{''.join(ports)}end\n"
     below = {name: Counter() for name in texts}
     below[f"{TOP}__geometry"][f"{TOP}__geometry__reader"] = 1
     below[TOP].update([f"{TOP}__controller", f"{TOP}__geometry", f"{TOP}__counters"])

@@ -86,15 +86,8 @@ def test_the_warp_units_sizes_are_the_rtls(config):
     config = config.with_(stereo=True)
     assert disparity(config).width + constants.DISPARITY_STAGES == disparity_latency(config)
     assert constants.FILL_LATENCY == FILL_LATENCY
-
-    class Trace:
-        tiles_y, source_right = 3, False
-
-    class Map:
-        target_frame = 0
-
     s = model.warp.layout.new()
-    model._set_warp(s, Trace, config, Map)
+    model.set_warp(s, config, 3, False)
     assert s.warp_queue_depth == queue_groups(config)
     assert s.warp_depth == queue_rows(config)
     assert s.warp_settle_cycles == disparity_latency(config)

@@ -8,13 +8,16 @@ from dataclasses import replace
 import pytest
 
 from golden.msv2_ref import pipeline
+from golden.msv2_ref.buckets import no_bounds
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import parse_request, resolve
+from msv2.studies.overlap import rows
 from perf.model import MemoryModel
 from perf.overlap import OverlapCycles, simulate_overlap
 from perf.supertiles import SuperCycles, simulate_supertiles
+from perf.supertiles_plan import steady_bounds
 from perf.supertiles_trace import SuperTrace, super_trace
-from spec.config import V3, V3_RECORDS
+from spec.config import MACHINES, V3, V3_RECORDS
 from spec.paths import REPORTS
 
 MEMORIES = {
@@ -63,19 +66,26 @@ def test_half_the_bandwidth_takes_about_twice_as_long_where_memory_limits_the_fr
     assert fast.utilisation["memory"] > 0.9 and slow.period > 1.7 * fast.period and slow.bytes == fast.bytes
 
 
+def test_bounds_are_those_of_a_camera_that_stands_still_unless_others_are_given(trace):
+    """Lists that have no bounds are as long as their super-tiles' pairs, and longer ones are merged from more runs."""
+    usual = simulate_overlap(trace, V3, memory=MEMORIES["ideal"], display=True)
+    same = simulate_overlap(trace, V3, memory=MEMORIES["ideal"], display=True, bounds=steady_bounds(trace, V3))
+    none = simulate_overlap(trace, V3, memory=MEMORIES["ideal"], display=True, bounds=no_bounds(trace.supertiles))
+    assert same == usual and steady_bounds(trace, V3).lists > trace.supertiles and none.second != usual.second
+
+
 def test_a_machine_with_lists_by_tile_is_refused(trace):
     with pytest.raises(ValueError, match="lists"):
         simulate_overlap(trace, V3_RECORDS)
 
 
-def test_the_period_of_a_frame_of_the_rtl():
-    """The embedded scene's row of reports/frames_overlap.json, which the RTL of `v3_overlap` played without a difference."""
-    row = next(row for row in json.loads((REPORTS / "frames_overlap.json").read_text())["rows"] if row["scene"] == EMBEDDED)
-    width, height = row["size"].split("x")
-    asked = resolve(parse_request(EMBEDDED, "--size", row["size"], "--gaze", f"{int(width) // 2},{int(height) // 2}",
-                                  "--levels", "4", "--levels-from", "random"))
-    trace = super_trace(pipeline.render(asked.model, asked.camera, config=V3, foveation=asked.foveation,
-                                        background=asked.background))
-    found = simulate_overlap(trace, V3, memory=MEMORIES["ideal"], display=True)
-    assert row["machine"] == "v3_overlap" and row["problems"] == []
+@pytest.mark.parametrize("name", ["v3_overlap", "v3_eyes_overlap"])
+def test_the_period_of_a_frame_of_the_rtl(name):
+    """The embedded scene's rows of reports/frames_overlap.json, which the RTL played without a difference."""
+    row = next(row for row in json.loads((REPORTS / "frames_overlap.json").read_text())["rows"]
+               if (row["scene"], row["machine"]) == (EMBEDDED, name))
+    config = MACHINES[name]
+    still = rows.rows_of(rows.golden_frames(config, row["scene"], row["size"], joint=config.joint), short=False)["still"]
+    found = rows.modelled(still[-2], config, packed=config.packed)
+    assert row["problems"] == [] and found.period == row["model"]
     assert abs(found.period / row["period"] - 1) < 0.02

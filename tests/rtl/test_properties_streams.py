@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from rtl.shapes import layout
 from rtl.sort_tmu.handover import DoubleBuffer, LineBuffer
-from rtl.stream import Buffer
+from rtl.stream import Buffer, Skid
 from spec.config import TINY
 from spec.records import chunk_item
 
@@ -64,12 +64,12 @@ def played(dut, sink, source, items: list[int], offers: list[bool], takes: list[
 
 def nothing_is_lost(unit: type, groups: list[int], offers: list[bool], takes: list[bool]) -> None:
     """All items come out, in order, each once, whatever the timing."""
-    dut = unit(layout(RECORD)) if unit is Buffer else unit(CONFIG)
+    dut = unit(layout(RECORD)) if unit in (Buffer, Skid) else unit(CONFIG)
     items = items_of(groups)
     assert played(dut, dut.sink, dut.source, items, offers, takes) == items
 
 
-@pytest.mark.parametrize("unit", [Buffer, LineBuffer, DoubleBuffer])
+@pytest.mark.parametrize("unit", [Buffer, Skid, LineBuffer, DoubleBuffer])
 @QUICK
 @given(groups=GROUPS, offers=TIMING, takes=TIMING)
 def test_nothing_is_lost_under_any_timing(unit, groups, offers, takes):
@@ -77,7 +77,7 @@ def test_nothing_is_lost_under_any_timing(unit, groups, offers, takes):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("unit", [Buffer, LineBuffer, DoubleBuffer])
+@pytest.mark.parametrize("unit", [Buffer, Skid, LineBuffer, DoubleBuffer])
 @LONG
 @given(groups=GROUPS, offers=TIMING, takes=TIMING)
 def test_nothing_is_lost_under_many_timings(unit, groups, offers, takes):

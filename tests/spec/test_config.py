@@ -21,16 +21,22 @@ from spec.config import (
     SHORT_FORMATS,
     TINY,
     TINY_EYES,
+    TINY_EYES_OVERLAP,
+    TINY_EYES_WARP,
     TINY_OVERLAP,
     TINY_STREAMS,
     TINY_V3,
     V3,
     V3_EYES,
+    V3_EYES_LARGE,
+    V3_EYES_OVERLAP,
     V3_EYES_STREAMS,
+    V3_EYES_WARP,
     V3_OVERLAP,
     V3_PACKED,
     V3_RECORDS,
     V3_STREAMS,
+    V3_STREAMS_PACKED,
     AcceleratorConfig,
     NumberFormats,
 )
@@ -128,8 +134,20 @@ def test_lists_by_super_tile_need_compact_records_and_one_eye():
     assert TINY_V3.supertiles and TINY_V3.blocks == TINY.blocks
     with pytest.raises(ValueError, match=r"^records must be 'compact' in a machine with lists by super-tile, not 'wide'$"):
         V3.with_(records="wide")
-    with pytest.raises(ValueError, match=r"^stereo must be False in a machine with lists by super-tile: `paper` renders two"):
+    with pytest.raises(ValueError, match=r"^stereo must be False .* and without joint frames: `paper` renders two eyes$"):
         V3.with_(stereo=True)
+
+
+def test_a_warped_eye_on_top_of_joint_frames_needs_them_and_excludes_what_was_not_built():
+    machine = V3.with_(joint=True, stereo=True)
+    assert machine.warps_joint and machine == V3_EYES_WARP.with_(name="v3") and TINY_EYES_WARP.warps_joint
+    assert not (PAPER.with_(stereo=True).warps_joint or V3_EYES.warps_joint)
+    assert machine.depth_weight == machine.formats.transmittance != V3_EYES.depth_weight
+    for name in ("packed", "overlap"):
+        with pytest.raises(ValueError, match=r"^stereo must be False in a machine with packed frames or overlapped phases$"):
+            machine.with_(**{name: True})
+    with pytest.raises(ValueError, match=r"^depth must be True in a machine with stereo, not False$"):
+        machine.with_(depth=False)
 
 
 def test_streams_divide_the_cores_of_a_machine_with_super_tiles():
@@ -166,15 +184,17 @@ def test_machines_with_super_tiles_may_render_joint_frames():
     with pytest.raises(ValueError, match=r"^lists must be 'supertile' in a machine with joint frames, not 'tile'$"):
         PAPER.with_(joint=True)
     assert V3_EYES_STREAMS == V3_STREAMS.with_(name="v3_eyes_streams", joint=True, packed=True)
+    assert V3_EYES_LARGE == V3_EYES_STREAMS.with_(name="v3_eyes_large", batch_places=2 * V3_EYES_STREAMS.batch_places)
+    assert V3_STREAMS_PACKED == V3_STREAMS.with_(name="v3_streams_packed", packed=True, batch_places=V3.batch_places // 2)
 
 
-def test_phases_may_overlap_in_machines_with_super_tiles_that_render_one_eye():
+def test_phases_may_overlap_in_machines_with_super_tiles():
     assert V3_OVERLAP == V3.with_(name="v3_overlap", overlap=True) and not V3.overlap
     assert TINY_OVERLAP == TINY_V3.with_(name="tiny_overlap", overlap=True)
     with pytest.raises(ValueError, match=r"^lists must be 'supertile' in a machine with overlapped phases, not 'tile'$"):
         PAPER.with_(overlap=True)
-    with pytest.raises(ValueError, match=r"^joint must be False in a machine with overlapped phases: it renders one eye$"):
-        V3_EYES.with_(overlap=True)
+    assert V3_EYES_OVERLAP == V3_EYES.with_(name="v3_eyes_overlap", overlap=True)
+    assert TINY_EYES_OVERLAP == TINY_EYES.with_(name="tiny_eyes_overlap", overlap=True)
 
 
 def test_every_parameter_is_covered_here():
@@ -204,8 +224,9 @@ def test_the_configurations():
     presets = {"precise": PRECISE, "balanced": BALANCED, "fast": FAST}
     assert CONFIGS == {"tiny": TINY, "default": DEFAULT, "paper": PAPER, "v3": V3, **presets}
     assert V3 == PAPER.with_(name="v3", order="spatial", chunks=True, records="compact", lists="supertile")
-    ours = (DEFAULT, V3, V3_PACKED, V3_STREAMS, HEADSET, TINY_V3, TINY_STREAMS, V3_EYES, V3_EYES_STREAMS, TINY_EYES, V3_OVERLAP,
-            TINY_OVERLAP, *presets.values())
+    ours = (DEFAULT, V3, V3_PACKED, V3_STREAMS, V3_STREAMS_PACKED, HEADSET, TINY_V3, TINY_STREAMS, V3_EYES, V3_EYES_STREAMS,
+            V3_EYES_LARGE, TINY_EYES, V3_OVERLAP, TINY_OVERLAP, V3_EYES_OVERLAP, TINY_EYES_OVERLAP, V3_EYES_WARP,
+            TINY_EYES_WARP, *presets.values())
     assert HEADSET == V3.with_(name="headset", row_width=2208, list_heads=2048)
     assert V3_STREAMS == V3.with_(name="v3_streams", streams=4)
     assert {c.name for c in MACHINES.values() if c.supertiles} == {c.name for c in ours}

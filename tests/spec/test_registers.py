@@ -13,7 +13,20 @@ from msv2.document import registers as document_registers
 from msv2.document.__main__ import check
 from spec import host_settings, register_fields, registers
 from spec.codes import ErrorCode, Phase
-from spec.config import CONFIGS, DEFAULT, MACHINES, PAPER, TINY, TINY_V3, V3, V3_EYES, V3_OVERLAP, V3_PACKED, V3_RECORDS
+from spec.config import (
+    CONFIGS,
+    DEFAULT,
+    MACHINES,
+    PAPER,
+    TINY,
+    TINY_V3,
+    V3,
+    V3_EYES,
+    V3_EYES_WARP,
+    V3_OVERLAP,
+    V3_PACKED,
+    V3_RECORDS,
+)
 from spec.errors import InputError
 from spec.formats import SQ
 from spec.memory import frame_settings
@@ -67,11 +80,12 @@ def test_every_number_of_the_settings_has_a_register_in_order(config):
 
 def test_a_register_has_one_address_in_all_machines():
     """Where a machine has no chunks, no stereo or no splat records in memory, the addresses of their registers are empty."""
-    every = {r.name: r.offset for name in ("every", "v3_packed", "v3_eyes", "v3_overlap") for r in MAPS[name]}
+    every = {r.name: r.offset for name in ("every", "v3_packed", "v3_eyes", "v3_overlap", "v3_eyes_warp")
+             for r in MAPS[name]}
     assert len(set(every.values())) == len(every)
     for everything in MAPS.values():
         assert {r.name: r.offset for r in everything}.items() <= every.items()
-    assert set(every) == {r.name for name in ("v3_records", "stereo", "v3_packed", "v3_eyes", "v3_overlap")
+    assert set(every) == {r.name for name in ("v3_records", "stereo", "v3_packed", "v3_eyes", "v3_overlap", "v3_eyes_warp")
                           for r in MAPS[name]}
     added = {name: {r.name for r in MAPS[name]} - {r.name for r in MAPS["paper"]} for name in ("v3_records", "stereo")}
     assert added["v3_records"] == {
@@ -80,6 +94,19 @@ def test_a_register_has_one_address_in_all_machines():
     assert every["read_beats_chunks"] == every["pixels"] + 4 and every["cycles_target_low"] == every["chunks_skipped"] + 4
     assert registers.read_clients(EVERY) == (*registers.READ_CLIENTS, "chunks") == registers.read_clients(V3_RECORDS)
     assert registers.read_clients(STEREO) == registers.READ_CLIENTS
+
+
+def test_what_a_warped_eye_adds_to_joint_frames():
+    joint, warped, stereo = ({r.name: r.offset for r in MAPS[name]} for name in ("v3_eyes", "v3_eyes_warp", "stereo"))
+    own = {"second_sweep", *registers.SWEEP_EVENTS}
+    assert joint.items() < warped.items()
+    assert set(warped) - set(joint) - set(stereo) == own
+    assert {name for name in warped if name not in joint} == own | (set(stereo) - {r.name for r in MAPS["paper"]} - set(joint))
+    assert all(warped[name] > joint["visits"] for name in registers.SWEEP_EVENTS)
+    assert registers.version_minor(V3_EYES_WARP) == registers.version_minor(V3_EYES) + 1
+    assert registers.stages(V3_EYES_WARP) == (*registers.stages(V3_EYES), "warp")
+    limit = next(limit for limit in host_settings.limits(V3_EYES_WARP) if limit.where == "stereo" and limit.setting == "joint")
+    assert limit.allows(1) and not limit.allows(0)
 
 
 def test_what_machines_with_super_tiles_have_besides_and_what_they_lack():

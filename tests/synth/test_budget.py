@@ -8,13 +8,14 @@ from pathlib import Path
 
 import pytest
 
+from spec.config import TINY
 from synth import interfaces, linked, timing, whole
 from synth.budget import Late, compare, graph, late, order
 from synth.corners import CORNERS
 from synth.interfaces import Interface, interface_of, interfaced
 from synth.machine import TOP
 from synth.netlist import parse
-from synth.whole import WholeTiming, budgets, stale, stored
+from synth.whole import Budget, WholeTiming, budgets, stale, stored
 from tests.helpers.small_machine import CLOCK_PS, netlists, small_machine
 
 needs_sta = pytest.mark.skipif(not timing.available(), reason=linked.INSTALL)
@@ -115,6 +116,34 @@ def test_stored_interfaces_come_back_and_are_stale_after_a_change(tmp_path: Path
     assert stale(replace(budget, interfaces=today)) == []
     del today[READER]
     assert stale(replace(budget, interfaces=today)) == [READER]
+
+
+@needs_sta
+def test_only_what_has_changed_is_measured_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The reader is another one than was stored, and the stored counters, which are not, stay as they are."""
+    design, parts, where = small_machine(tmp_path)
+    today = {name: replace(one, source=interfaces.source_hash(design, name)) for name, one in MADE_UP.items()}
+    kept = {**today, READER: replace(today[READER], source="old", inside=1), COUNTERS: replace(today[COUNTERS], inside=7)}
+    asked: list[set[str]] = []
+
+    def mapped(config: object, settings: object, jobs: int, progress: object, only: set[str]) -> tuple:
+        asked.append(only)
+        return design, parts
+
+    monkeypatch.setattr(whole, "machine_design", lambda config, folder: design)
+    monkeypatch.setattr(whole, "mapped", mapped)
+    monkeypatch.setattr(whole, "_sources", lambda config: "today")
+    monkeypatch.setitem(whole.CORNERS, whole.BUDGET_CORNER, where)
+    found = whole.time_ports(TINY, Budget("tiny", CLOCK_PS, 0.1, "then", kept), tmp_path, progress=lambda line: None)
+    assert asked == [{READER}] and found.sources == "today" and found.linked == {}
+    assert found.interfaces == {**today, COUNTERS: kept[COUNTERS]}
+
+
+def test_ports_in_rtlil_are_those_of_the_module() -> None:
+    text = ("module \\inner\n  wire input 1 \\no\nend\n\nmodule \\m\n\n  wire width 1 input 0  \\clk\n"
+            "  wire width 2 output 1 \\b\n"
+            "  wire width 3 signed input 2 \\a$1\n  wire width 4 \\c\nend\n")
+    assert interfaces.rtl_ports(text, "m") == {"clk": ("input", 1), "b": ("output", 2), "a$1": ("input", 3)}
 
 
 def test_escaped_names_of_ports_are_plain_in_interfaces() -> None:

@@ -10,8 +10,8 @@ frame packer as it was synthesised alone. Memories are taken from the table of
 shapes (`msv2.studies.area.stores`) and built of macros as in synthesis (`synth.macros`), so that a larger cache costs the
 area of its lines and tags. With several streams, what every array has of its own counts as often: setup, sequencer, rows,
 collection and blending; their batch buffer and the join of their rows are the units that were synthesised alone. What the tile
-test adds is left out: some hundred flip-flops. With joint frames, the units of `msv2.studies.area.eyes` are larger, or new.
-For PAPER with the presets' formats, which was synthesised, the estimate is within 1 % of the builds
+test adds is left out: some hundred flip-flops. With joint frames or overlapped phases, the units of `msv2.studies.area.eyes`
+are larger, or new. For PAPER with the presets' formats, which was synthesised, the estimate is within 1 % of the builds
 (tests/msv2/studies/area/test_estimate.py). Areas are in um^2 at 16 nm.
 """
 
@@ -51,6 +51,9 @@ NO_AREA = ("name", "support_sigma", "warp_fill", "warp_veiled")
 
 _TESTING, _READING = ("geometry.bounds", "geometry.chunk_test"), ("geometry.headers", "geometry.reader", "queue_chunks")
 """Units of chunks in the group of culling and in that of lists."""
+
+JOINT, OVERLAP = "joint", "overlap"
+"""The fields whose units are in reports/area_eyes.json."""
 
 _TO_16NM = TO_16NM["asap7"].area
 _OPERATORS_OF_WORK = 0.8
@@ -126,9 +129,10 @@ def estimate_area(config: AcceleratorConfig, eyes: Iterable[Mapping[str, Any]] |
     base, here, there = _of_build(name), _memories(config), _memories(build)
     chunks = _chunk_units() if config.chunks and not config.supertiles else {}
     packer = {LISTS: _synthesised_um2("frame_packer") * _TO_16NM} if config.packed else {}
-    both = _of_both_eyes(_report("eyes")["rows"] if eyes is None else eyes) if config.joint else {}
-    second = _second_frame() if config.overlap else {}
-    added = (chunks, packer, both, second)
+    has = {JOINT: config.joint, OVERLAP: config.overlap}
+    more = _of_fields(_report("eyes")["rows"] if eyes is None else eyes, has) if any(has.values()) else {}
+    second = {CULLING: _unit_um2("geometry.path.tile_test"), CONTROL: _unit_um2("registers")} if config.overlap else {}
+    added = (chunks, packer, more, second)
     groups = {
         group: GroupArea(base[group].logic_um2 * _logic(group, config, build) + sum(more.get(group, 0.0) for more in added),
                          max(0.0, base[group].memory_um2 + here.get(group, 0.0) - there.get(group, 0.0)))
@@ -136,12 +140,20 @@ def estimate_area(config: AcceleratorConfig, eyes: Iterable[Mapping[str, Any]] |
     return AreaEstimate(groups, ESTIMATE, name)
 
 
-def _of_both_eyes(rows: Iterable[Mapping[str, Any]]) -> dict[str, float]:
-    """Logic that joint frames add to a group, in um^2 at 16 nm: of what was synthesised alone (`msv2.studies.area.eyes`)."""
+def _of_fields(rows: Iterable[Mapping[str, Any]], has: Mapping[str, bool]) -> dict[str, float]:
+    """Logic that joint frames and overlapped phases add to a group, in um^2 at 16 nm: of what was synthesised alone
+    (`msv2.studies.area.eyes`). `has` says which of these fields a machine has."""
     found: dict[str, float] = {}
     for row in rows:
-        found[row["group"]] = found.get(row["group"], 0.0) + row["added_um2"] * _TO_16NM
+        if has[row["field"]]:
+            found[row["group"]] = found.get(row["group"], 0.0) + row["added_um2"] * _TO_16NM
     return found
+
+
+def _unit_um2(unit: str) -> float:
+    """The logic of a unit of the build `v3`, in um^2 at 16 nm. With overlapped phases, a second tile test counts whole,
+    although both phases share its datapath, and a second register file for the settings and counts of the second frame."""
+    return next(row["logic_um2_16nm"] for row in _report("area")["builds"][SUPERTILE_LISTS]["units"] if row["unit"] == unit)
 
 
 def _of_build(name: str) -> dict[str, GroupArea]:
@@ -178,15 +190,6 @@ def _chunk_units() -> dict[str, float]:
     units = {row["unit"]: row["logic_um2_16nm"] for row in _report("area")["builds"][SUPERTILE_LISTS]["units"]}
     return {CULLING: sum(units[unit] for unit in _TESTING),
             LISTS: sum(units[unit] for unit in _READING) - _row("geometry.reader")["logic_um2_16nm"]}
-
-
-def _second_frame() -> dict[str, float]:
-    """Logic that the second frame in flight adds to a group where phases overlap, in um^2 at 16 nm, at most: that of the units
-    of which there are two then, in the build `v3`. The tile test counts whole, although both phases share its datapath, and the
-    register file for the second copy of settings and first-phase counts."""
-    units = {row["unit"]: row["logic_um2_16nm"] for row in _report("area")["builds"][SUPERTILE_LISTS]["units"]}
-    return {CONTROL: units["registers"], CULLING: units["geometry.path.tile_test"], LISTS: units["geometry.buckets"],
-            SORTING: units["render.tile_merge"]}
 
 
 def _synthesised_um2(unit: str) -> float:

@@ -6,13 +6,14 @@ from collections.abc import Iterable, Sequence
 
 from msv2.studies.area import replaced
 from msv2.studies.page import table
+from synth.scaling import FO4_PS
 
 _WHY = {
     "array": "falloff by forward differences in the log2 domain: additions in a core, no product but T (1 - alpha); "
              "weights telescope; narrow words in two banks ([array.md](../docs/array.md))",
     "other logic": "culling in floats of 18 and 20 bits, one pipeline instead of eight units; warp unit and bus are in it",
     "SRAM": "counters of tiles, a cache of views, queues in front of memory, the sorter's words, the warp unit's columns; "
-            "the paper does not say what its own holds",
+            "the paper names line buffers of 1 KB and a double buffer of 64 KB before its sorting unit, made by Arm's compiler",
 }
 
 
@@ -83,7 +84,28 @@ def _clocks(report: dict) -> str:
                  f"{_ghz(build['clock_ghz_zero_slack'])} GHz in ASAP7 ({_ghz(build['clock_ghz_16nm_zero_slack'])} at 16 nm), "
                  f"{_ghz(build['clock_ghz_with_wires'])} GHz with wires.")
     return text + (" Units are timed each by itself, from registers to registers: what goes through two in one cycle is given "
-                   "10 % of the clock before a unit and 5 % behind it.")
+                   "10 % of the clock before a unit and 5 % behind it.") + _anchors(report["builds"])
+
+
+def _anchors(builds: dict) -> str:
+    """What the two libraries say of the clock at 16 nm; empty where one of the builds is not made."""
+    if not {"1ghz", "nangate45"} <= builds.keys():
+        return ""
+    fine, coarse = builds["1ghz"], builds["nangate45"]
+    apart = 100 * abs(coarse["mm2_16nm"] / fine["mm2_16nm"] - 1)
+    return (
+        f"\n\n**Two anchors.** By these two libraries the areas at 16 nm are {apart:.0f} % apart, and the clocks are not as "
+        "close. Delays are counted in those of an inverter with a fan-out of four (FO4). With its slowest unit, ASAP7's build "
+        f"{_in_fo4(fine)}; Nangate45's {_in_fo4(coarse)}, and was made for cycles of "
+        f"{coarse['clock_ps'] / FO4_PS['nangate45']:.0f} FO4. Which of the two clocks a chip at 16 nm would have is not "
+        "known, so both are quoted.")
+
+
+def _in_fo4(build: dict) -> str:
+    """The cycle of a build in FO4, and what its clock is at 16 nm."""
+    delay = FO4_PS[build["technology"]]
+    return (f"has cycles of {1e3 / build['clock_ghz_zero_slack'] / delay:.0f} FO4 of {delay} ps, which is "
+            f"{_ghz(build['clock_ghz_16nm_zero_slack'])} GHz at 16 nm")
 
 
 def _frames(report: dict) -> str:

@@ -25,7 +25,7 @@ def page(report: Mapping[str, object]) -> str:
         parts += [f"## {name}", _machine(name, machine)]
         for corner in corners:
             parts += [f"### {name}, {corner}: late endpoints by pair of units", _pairs(machine[corner]["pairs"])]
-        parts += [f"### {name}: the budget rule, typical", _budget(machine["budget"]),
+        parts += [f"### {name}: the budget rule, typical", *_measured_later(machine), _budget(machine["budget"]),
                   f"### {name}: nets beyond their driver's limit", _overloads(machine)]
     return "\n\n".join(parts) + "\n"
 
@@ -46,6 +46,14 @@ def _summary(report: Mapping) -> str:
 def _machine(name: str, machine: Mapping) -> str:
     return (f"Commit {machine['commit']}, at most {machine['runs']} runs of a module: {machine['modules']} modules, "
             f"{machine['instances']:,} instances, {machine['cells']:,} cells.")
+
+
+def _measured_later(machine: Mapping) -> list[str]:
+    """Which commit the stored times of ports are of, where they are of a later one than the linked run."""
+    if "budget_commit" not in machine:
+        return []
+    return [f"Commit {machine['budget_commit']}: modules that have changed since the linked run were mapped with at most "
+            f"{machine['budget_runs']} runs, and their ports measured. The endpoints above are those of the linked run."]
 
 
 def _more(shown: int, found: int) -> str:

@@ -2,6 +2,7 @@
 
     msv2 study run machine_timing               `paper` and `v3`, at the typical and the slow corner
     msv2 study run machine_timing --configs v3  one of them; the numbers of the other stay as they are
+    msv2 study run machine_timing --ports       the budget rule alone: only modules that have changed are mapped and measured
 
 All mapped modules are linked (`synth.linked`). Each machine's modules are those of its area report: build/synth keeps them.
 """
@@ -23,7 +24,7 @@ from synth.budget import graph, late
 from synth.corners import CORNERS, HOLD_UNCERTAINTY_PS, INPUT_SLEW_PS, SLEW_LIMIT_PS, UNCERTAINTY
 from synth.machine import TOP
 from synth.settings import MOST_RUNS
-from synth.whole import STORE, WholeTiming, stored, time_config
+from synth.whole import STORE, Budget, WholeTiming, budgets, stored, time_config, time_ports
 from synth.whole_report import summary
 
 MACHINES = ("paper", "v3")
@@ -37,10 +38,13 @@ WORST = ("slack_ps", "late_endpoints", "ghz")
 
 def machine_row(found: WholeTiming, stamp: str, runs: int) -> dict[str, object]:
     """A machine's part of the report: the linked runs, and what the budget rule says at the typical corner."""
-    pairs = late(graph(found.interfaces, TOP, CLOCK_PS), CLOCK_PS, UNCERTAINTY)
-    return {"commit": stamp, "runs": runs, **summary(found),
-            "budget": [{"start": pair.start, "end": pair.end, "excess_ps": pair.excess_ps, "inputs": pair.inputs,
-                        "way": list(pair.way)} for pair in pairs]}
+    return {"commit": stamp, "runs": runs, **summary(found), "budget": late_rows(found)}
+
+
+def late_rows(found: WholeTiming) -> list[dict[str, object]]:
+    """What the budget rule says of a machine at the typical corner: the pairs of units that are late, the worst first."""
+    return [{"start": pair.start, "end": pair.end, "excess_ps": pair.excess_ps, "inputs": pair.inputs, "way": list(pair.way)}
+            for pair in late(graph(found.interfaces, TOP, CLOCK_PS), CLOCK_PS, UNCERTAINTY)]
 
 
 def worst(machines: Mapping[str, Mapping]) -> dict[str, dict[str, object]]:
@@ -59,6 +63,21 @@ def merged(new: Mapping[str, object], old: Mapping[str, object]) -> dict[str, ob
             "interfaces": {key: interfaces[key] for key in sorted(wanted)}}
 
 
+def _budget(name: str) -> Budget:
+    """The stored interfaces of a machine; InputError where there are none."""
+    kept = budgets()
+    if name not in kept:
+        raise InputError(f"ports are measured again only where they were once: {name} is not in {STORE.name}")
+    return kept[name]
+
+
+def _linked_before(rows: Mapping[str, dict], name: str) -> dict:
+    """The machine's row of the report; InputError where there is none."""
+    if name not in rows:
+        raise InputError(f"ports need a report with a linked run: {name} is not in machine_timing.json of the folder `--out`")
+    return rows[name]
+
+
 def _read(path: Path) -> dict:
     return json.loads(path.read_text()) if path.is_file() else {}
 
@@ -70,6 +89,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                         help=f"machines to time, among {', '.join(MACHINES)} (default: all)")
     parser.add_argument("--jobs", type=int, default=2, help="modules synthesised at a time (default: 2)")
     parser.add_argument("--runs", type=int, default=MOST_RUNS, help=f"most runs of a module (default: {MOST_RUNS})")
+    parser.add_argument("--ports", action="store_true",
+                        help="measure the ports of modules that have changed, and link nothing")
     parser.add_argument("--folder", type=Path, default=ROOT / "build" / "synth",
                         help="folder of synthesis results (default: build/synth)")
     parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",
@@ -82,8 +103,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     old, kept = _read(path), _read(store)
     rows, measured, stamp = dict(old.get("machines", {})), [], commit()
     for name in args.configs:
-        found = time_config(CONFIGS[name], args.folder, args.jobs, _say, args.runs, clock_ps=CLOCK_PS, interfaces=True)
-        rows[name] = machine_row(found, stamp, args.runs)
+        if args.ports:
+            found = time_ports(CONFIGS[name], _budget(name), args.folder, args.jobs, _say, args.runs)
+            rows[name] = _linked_before(rows, name) | {
+                "budget": late_rows(found), "budget_commit": stamp, "budget_runs": args.runs}
+        else:
+            found = time_config(CONFIGS[name], args.folder, args.jobs, _say, args.runs, clock_ps=CLOCK_PS, interfaces=True)
+            rows[name] = machine_row(found, stamp, args.runs)
         measured.append(found)
     rows = {name: rows[name] for name in MACHINES if name in rows}
     report = {
@@ -93,7 +119,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                            "memory_source": corner.source} for name, corner in CORNERS.items()},
         "machines": rows}
     used = {"arguments": args, "machines": {name: CONFIGS[name] for name in args.configs}}
-    earlier = set(rows) - set(args.configs)
+    earlier = args.ports or set(rows) - set(args.configs)
     write_report(path, report, [__name__], used, liberties(), old if earlier else None)
     write_report(store, merged(stored(measured, CLOCK_PS, UNCERTAINTY), kept), [__name__], used, liberties(),
                  kept if earlier else None)

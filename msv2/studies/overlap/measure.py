@@ -5,16 +5,14 @@ from __future__ import annotations
 from msv2.studies.memory import memory_arguments
 from msv2.studies.two_eyes.measure import ONE, TWO, traces
 from msv2.studies.v3.frames import Subject, traced
-from msv2.studies.v3.summary import FOUR_ARRAYS
-from msv2.studies.v3.supertiles import STREAMS_PACKED
 from perf.model import MemoryModel, simulate
 from perf.overlap import simulate_overlap
 from perf.supertiles import simulate_supertiles
-from spec.config import PAPER, V3, AcceleratorConfig
+from spec.config import PAPER, V3, V3_EYES, V3_EYES_LARGE, V3_EYES_STREAMS, V3_STREAMS_PACKED, AcceleratorConfig
 
-ARRAYS = V3.with_(name="v3_streams", streams=4)
 MACHINES: dict[str, tuple[AcceleratorConfig, tuple[str, ...]]] = {
-    V3.name: (V3, (ONE, TWO)), FOUR_ARRAYS: (ARRAYS, (ONE, TWO)), STREAMS_PACKED.name: (STREAMS_PACKED, (ONE,))}
+    V3.name: (V3, (ONE,)), V3_STREAMS_PACKED.name: (V3_STREAMS_PACKED, (ONE,)),
+    **{config.name: (config, (ONE, TWO)) for config in (V3_EYES, V3_EYES_STREAMS, V3_EYES_LARGE)}}
 """The machines by name, with the kinds of frames that are measured on them."""
 
 TURNS = (1.0, 4.0)
@@ -26,7 +24,7 @@ def rows(subject: Subject, memory: str) -> list[dict[str, object]]:
     """The numbers of a frame with a memory on each machine, JSON-ready."""
     model, out = MemoryModel(**memory_arguments(memory)), []
     for machine, (config, kinds) in MACHINES.items():
-        for kind, trace in zip((ONE, TWO), traces(subject, config.with_(packed=False)), strict=True):
+        for kind, trace in zip((ONE, TWO), traces(subject, config), strict=True):
             if kind not in kinds:
                 continue
             turns = simulate_supertiles(trace, config, memory=model, display=True, packed=config.packed)

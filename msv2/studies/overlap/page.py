@@ -56,12 +56,12 @@ def page(content: Mapping[str, Any]) -> str:
     parts = [
         "# Overlapped phases",
         "Written by `msv2 study run overlap`; `perf/overlap.py` says what the phases share.\n\nThe first "
-        "phase of frame n + 1 runs beside the second phase of frame n. **No RTL does this**: its phases take turns, and these "
-        "are numbers of the cycle model alone. They leave out the area of what such a machine has twice: level table, list "
-        "heads, bounds, and counters and settings of a frame. The frames are those of reports/v3.md, of a camera that stands "
-        "still; a frame takes the cycles until the same phase of the next one begins.",
+        "phase of frame n + 1 runs beside the second phase of frame n. **These are numbers of the cycle model**, for each of "
+        "the machines with overlapped phases added. The RTL of machines with one array does this; reports/frames_overlap.md "
+        "compares it with the model. The frames are those of reports/v3.md, of a camera that stands still; a frame takes the "
+        "cycles until the same phase of the next one begins.",
         "## Gains", f"Geometric means. Goals: {', '.join(f'{name} {value:g}' for name, value in GOALS.items())}, where a share "
-        "is a limit. Packed frames have one eye here.", means,
+        "is a limit.", means,
         *(part for memory in MEMORY_NAMES if _of(rows, V3.name, ONE, memory) for part in (
             f"## Frames, {MEMORY_NAMES[memory]}", _frames([row for row in rows if row["memory"] == memory]))),
         "## Bounds of depth buckets", "The bounds of a frame are those that the last frame but one left. The share of pairs in "

@@ -10,11 +10,10 @@ from msv2.studies.energy.frame import Table, frame_energy, load_table, model_cou
 from msv2.studies.memory import ALL_NAMES, IDEAL, LPDDR3, UNLIMITED, memory_arguments
 from msv2.studies.performance.frames import Compared
 from msv2.studies.performance.gpu import gpu_frame
-from msv2.studies.v3.supertiles import STREAMS_PACKED
 from perf.gscore import GscoreConfig, gscore_cycles
 from perf.model import FrameCycles, MemoryModel, simulate
 from perf.trace import FrameTrace
-from spec.config import PAPER, PAPER_BASE, V3, AcceleratorConfig
+from spec.config import PAPER, PAPER_BASE, V3, V3_STREAMS_PACKED, AcceleratorConfig
 from spec.memory import DRAM_BYTES_PER_CYCLE
 
 CLOCK_HZ = 1e9
@@ -55,7 +54,7 @@ SUPER, SUPER_BASE = V3.name, f"{V3.name}, double buffers"
 """The machine with lists by super-tile as it is, and without merging and line buffers (`msv2 perf --pipeline 0 --merge 0`),
 both for one eye."""
 
-WHOLE = STREAMS_PACKED.name
+WHOLE = V3_STREAMS_PACKED.name
 """The machine with all that is built for one eye (`msv2.studies.performance.steps`)."""
 
 TWO_BASE, TWO_BOTH, WARPING = "base, two eyes", "merging+pipelining, two eyes", "merging+pipelining+warping"

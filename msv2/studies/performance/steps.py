@@ -12,10 +12,9 @@ from msv2.studies.performance.frames import CHUNKS, SPATIAL, Compared
 from msv2.studies.performance.machines import BOTH, CLOCK_HZ, MEMORIES, PEAK, SUPER, SUPER_BASE, WHOLE, Run, energies
 from msv2.studies.performance.summary import geomean
 from msv2.studies.performance.sweeps import at_equal_area
-from msv2.studies.v3.supertiles import STREAMS_PACKED
 from perf.frames import Trace, simulate
 from perf.model import MemoryModel
-from spec.config import PAPER, V3, V3_PACKED, V3_RECORDS, V3_STREAMS, AcceleratorConfig
+from spec.config import PAPER, V3, V3_PACKED, V3_RECORDS, V3_STREAMS, V3_STREAMS_PACKED, AcceleratorConfig
 from spec.errors import InputError
 
 
@@ -37,11 +36,13 @@ class Step:
 
 
 STEPS = (
-    Step(WHOLE, "", STREAMS_PACKED), Step(V3_STREAMS.name, "packed frames", V3_STREAMS),
+    Step(WHOLE, "", V3_STREAMS_PACKED), Step(V3_STREAMS.name, "packed frames", V3_STREAMS_PACKED.with_(packed=False)),
     Step(V3_PACKED.name, "four arrays", V3_PACKED), Step(SUPER, "packed frames and four arrays", V3),
-    Step(f"{WHOLE}, one list a super-tile", "depth buckets", STREAMS_PACKED.with_(buckets=False)),
-    Step(f"{WHOLE}, not merged", "merging of lists", STREAMS_PACKED, merge=False),
-    Step(f"{WHOLE}, double buffers", "line buffers", STREAMS_PACKED.with_(incremental=False)),
+    Step(f"{WHOLE}, {V3.batch_places} places", f"batches of {V3_STREAMS_PACKED.batch_places}",
+         V3_STREAMS_PACKED.with_(batch_places=V3.batch_places)),
+    Step(f"{WHOLE}, one list a super-tile", "depth buckets", V3_STREAMS_PACKED.with_(buckets=False)),
+    Step(f"{WHOLE}, not merged", "merging of lists", V3_STREAMS_PACKED, merge=False),
+    Step(f"{WHOLE}, double buffers", "line buffers", V3_STREAMS_PACKED.with_(incremental=False)),
     Step(V3_RECORDS.name, "lists by super-tile", V3_RECORDS), Step(CHUNKS.name, "compact records", CHUNKS),
     Step(SPATIAL.name, "chunks", SPATIAL), Step(BOTH.name, "spatial order", PAPER))
 """The whole machine, and it without each step. Buckets, packing and arrays need lists by super-tile, these need compact

@@ -28,12 +28,11 @@ from msv2.studies.performance.steps import WHOLE
 from msv2.studies.tradeoff.choose import ASSUMED_PSNR_DB, uncorrelated_psnr
 from msv2.studies.tradeoff.scene import SceneRequest, first_level
 from msv2.studies.tradeoff.scene import load as load_tradeoff
-from msv2.studies.v3.supertiles import STREAMS_PACKED
 from perf.frames import simulate, trace_of
 from perf.model import MemoryModel
 from perf.supertiles import simulate_supertiles
 from perf.supertiles_trace import trace_request
-from spec.config import PRESETS, V3, V3_STREAMS, AcceleratorConfig
+from spec.config import PRESETS, V3, V3_STREAMS, V3_STREAMS_PACKED, AcceleratorConfig
 from spec.constants import ALPHA_MAX_L1, ALPHA_MIN, MAX_SH_DEGREE, SH_C0
 
 SIZES = {EMBEDDED: "192x108", "rock_sh3": "320x180"}
@@ -196,7 +195,7 @@ def foveated_rows(scene: str, size: str = FOVEATED) -> list[dict[str, object]]:
         InputError: the scene is missing.
     """
     out = []
-    for name, traced, config in ((V3.name, V3, V3), (WHOLE, V3_STREAMS, STREAMS_PACKED)):
+    for name, traced, config in ((V3.name, V3, V3), (WHOLE, V3_STREAMS, V3_STREAMS_PACKED)):
         trace = trace_request(request(scene, size), traced, cache=STEP_CACHE)
         for degree in range(trace.sh_degree, -1, -1):
             cycles = {memory: simulate_supertiles(

@@ -1,7 +1,6 @@
 """`msv2 study run frames_eyes`: joint frames of both eyes through the RTL, each beside the cycle model.
 
-On `v3_eyes` and, with four arrays and packed frames, on `v3_eyes_streams`; and every combination of streams, packed frames and
-eyes on small machines.
+On `v3_eyes` and, with four arrays and packed frames, on `v3_eyes_streams`.
 """
 
 from __future__ import annotations
@@ -13,11 +12,10 @@ from typing import Any
 from golden.host.run_options import IDEAL, LPDDR3
 from golden.msv2_ref.buckets import no_bounds
 from golden.msv2_ref.joint import render_joint
-from golden.msv2_ref.pipeline import render
 from golden.scenes.camera_options import ORBIT
 from golden.scenes.captured import scene_argument
 from golden.scenes.files import read_json
-from golden.scenes.load import EMBEDDED, TRAINED
+from golden.scenes.load import TRAINED
 from golden.scenes.request import parse_request, resolve
 from golden.scenes.stereo import scene_scale, stereo_pair
 from msv2.studies.destination import newest
@@ -29,8 +27,7 @@ from perf.joint_trace import joint_trace
 from perf.model import MemoryModel
 from perf.phases import LastingMemory
 from perf.supertiles import clear_cycles, simulate_supertiles
-from perf.supertiles_trace import super_trace
-from spec.config import MACHINES, TINY_EYES, TINY_STREAMS, V3_EYES, V3_EYES_STREAMS, AcceleratorConfig
+from spec.config import MACHINES, V3_EYES, V3_EYES_STREAMS, AcceleratorConfig
 from spec.paths import REPORTS
 
 KEYS = (*FRAME_KEYS, "memory", "idle_cycles", "configuration")
@@ -38,20 +35,9 @@ KEYS = (*FRAME_KEYS, "memory", "idle_cycles", "configuration")
 
 PHASES = ("table", "geometry", "render")
 
-SMALL = View(EMBEDDED, "48x48")
-"""The frame of every combination."""
-
 
 def _two(view: View, config: AcceleratorConfig, pixels: str, *options: str) -> Frame:
     return (view, "--config", config.name, "--pixels", pixels, "--stereo", *options)
-
-
-def _combinations() -> tuple[Frame, ...]:
-    """Streams, packed frames and eyes in all ways, on two machines. Frames of one eye ask for depths, as those of two do, so
-    that a machine has the same numbers in all of them."""
-    machines = ((TINY_EYES.name, "--set", "packed=true"), (TINY_STREAMS.name, "--set", "packed=true", "--set", "joint=true"))
-    return tuple((SMALL, "--config", *machine, "--pixels", pixels, *eyes)
-                 for machine in machines for pixels in ("display", "packed") for eyes in (("--depth",), ("--stereo",)))
 
 
 _TRAINED = (View(TRAINED, "128x128"), V3_EYES_STREAMS, "packed", "--gaze", "64,64", "--levels", "4")
@@ -62,9 +48,6 @@ WANTED: tuple[Frame, ...] = (
     _two(EXACT[0], V3_EYES_STREAMS, "packed", "--memory", LPDDR3), _two(*_TRAINED, "--memory", LPDDR3))
 """The frames: views and the other options of `python -m tb.frame`."""
 
-COMBINATIONS = _combinations()
-"""The frames of the small machines."""
-
 VIEWS = (*EXACT, _TRAINED[0])
 
 
@@ -73,37 +56,32 @@ def measure_frames_eyes(scene: str | None = None, machines: Collection[str] = ()
     stay."""
     path = REPORTS / "frames_eyes.json"
     old = read_json(newest(path)) if (scene or machines) and newest(path).is_file() else None
-    kept = {_key(row): row for row in (*old["rows"], *old.get("combinations", ()))} if old else {}
+    kept = {_key(row): row for row in old["rows"]} if old else {}
     here = {view for view, _ in available(dict.fromkeys(view for view, *_ in WANTED))}
-
-    def rows_of(wanted: Sequence[Frame]) -> list[dict[str, Any]]:
-        rows: list[dict[str, Any]] = []
-        for frame in (frame for frame in wanted if frame[0] in {*here, SMALL}):
-            if scene in (None, frame[0].scene) and (not machines or frame[2] in machines):
-                row = frame_row(*frame, keys=KEYS)
-                made = row.pop("configuration")
-                rows.append(with_model(frame, {**row, "config": frame[2], "eyes": 1 + ("--stereo" in frame),
-                                               "streams": made["streams"], "packs": made["packed"]}))
-            else:
-                rows += [row if "model" in row else with_model(frame, row) for row in [kept.get(_asked(frame))] if row]
-        return rows
-
-    rows, small = rows_of(WANTED), rows_of(COMBINATIONS)
-    write_report(path, {"rows": rows, "combinations": small, "summary": summary([*rows, *small])}, [__name__, COMMAND],
+    rows: list[dict[str, Any]] = []
+    for frame in (frame for frame in WANTED if frame[0] in here):
+        if scene in (None, frame[0].scene) and (not machines or frame[2] in machines):
+            row = frame_row(*frame, keys=KEYS)
+            made = row.pop("configuration")
+            rows.append(with_model(frame, {
+                **row, "config": frame[2], "streams": made["streams"], "packs": made["packed"]}))
+        else:
+            rows += [row if "model" in row else with_model(frame, row) for row in [kept.get(_asked(frame))] if row]
+    write_report(path, {"rows": rows, "summary": summary(rows)}, [__name__, COMMAND],
                  {"config": V3_EYES, "streams": V3_EYES_STREAMS}, places(VIEWS), earlier=old)
 
 
 def _asked(frame: Frame) -> tuple[object, ...]:
     """What `_key` gives for the row of a frame."""
     args = _parsed(frame)
-    return (frame[0].scene, args.size, bool(args.gaze), frame[2], _option(frame, "--pixels"), "--stereo" in frame,
+    return (frame[0].scene, args.size, bool(args.gaze), frame[2], _option(frame, "--pixels"),
             _option(frame, "--memory") or IDEAL)
 
 
 def _key(row: Mapping[str, Any]) -> tuple[object, ...]:
     """What tells the rows of the report apart."""
     return (row["scene"], "x".join(map(str, row["size"])), bool(row["gaze"]), row["config"], row["pixels"],
-            row.get("eyes", 2) == 2, row.get("memory", IDEAL))
+            row.get("memory", IDEAL))
 
 
 def _option(frame: Frame, name: str) -> str | None:
@@ -114,22 +92,18 @@ def _option(frame: Frame, name: str) -> str | None:
 def _parsed(frame: Frame) -> Any:
     """The parsed arguments of a frame, except those of the run."""
     view, *options = frame
-    run = ("--config", "--set", "--pixels", "--memory")
-    kept = [word for n, word in enumerate(options)
-            if word not in ("--stereo", "--depth", *run) and not (n and options[n - 1] in run)]
+    run = ("--config", "--pixels", "--memory")
+    kept = [word for n, word in enumerate(options) if word not in ("--stereo", *run) and not (n and options[n - 1] in run)]
     return parse_request(scene_argument(view.scene), "--camera", ORBIT, *view.arguments, *kept)
 
 
 def with_model(frame: Frame, row: Mapping[str, Any]) -> dict[str, Any]:
     """A frame's row with the cycles of the model, and its error in the total."""
-    config = config_of(frame)
+    config = MACHINES[frame[2]]
     asked = resolve(_parsed(frame))
     how = {"config": config, "foveation": asked.foveation, "background": asked.background}
-    if row.get("eyes", 2) == 2:
-        pair = stereo_pair(asked.camera, units_per_metre=scene_scale(asked.model.name, None)[0])
-        trace = joint_trace(render_joint(asked.model, pair, **how))
-    else:
-        trace = super_trace(render(asked.model, asked.camera, **how))
+    pair = stereo_pair(asked.camera, units_per_metre=scene_scale(asked.model.name, None)[0])
+    trace = joint_trace(render_joint(asked.model, pair, **how))
     memory = MemoryModel(LPDDR3) if row.get("memory") == LPDDR3 else MemoryModel(IDEAL, row["latency"], row["bytes_per_cycle"])
     clear = row["frame_cycles"] - sum(row[f"{name}_cycles"] for name in PHASES)
     idle = row.get("idle_cycles", 0) + max(0, clear - clear_cycles(trace, config))  # units clear memories after a reset
@@ -138,11 +112,6 @@ def with_model(frame: Frame, row: Mapping[str, Any]) -> dict[str, Any]:
     cycles = {name: found.phases[name] for name in PHASES}
     same = sum(cycles.values()) / sum(row[f"{name}_cycles"] for name in PHASES)
     return {**row, "model": {**{f"{name}_cycles": n for name, n in cycles.items()}, "error": round(same - 1, 6)}}
-
-
-def config_of(frame: Frame) -> AcceleratorConfig:
-    """The machine of a frame."""
-    return MACHINES[frame[2]].with_(**{word.partition("=")[0]: True for word in frame if isinstance(word, str) and "=" in word})
 
 
 def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, object]:

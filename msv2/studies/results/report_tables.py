@@ -38,6 +38,18 @@ def joint_frames_table(reports: dict[str, dict]) -> str | None:
                   "error of the model", "every bit and counter"], rows)
 
 
+def combinations_table(reports: dict[str, dict]) -> str | None:
+    """Frames of small machines in every combination of streams, packed frames, overlapped phases and eyes."""
+    if "combinations" not in reports:
+        return None
+    rows = [[
+        row["streams"], "overlapped" if row["overlap"] else "in turn", row["eyes"], "packed" if row["packed"] else "display",
+        row["frames"], f"{row['cycles']:,}", f"{100 * (row['model_over_rtl'] - 1):+.2f} %",
+        "NO" if row["problems"] else "yes"] for row in reports["combinations"]["rows"]]
+    return table(["arrays", "phases", "eyes", "pixels", "frames in a row", "cycles of a frame", "error of the model",
+                  "every bit and counter"], rows)
+
+
 def _exact(row: Mapping[str, Any]) -> str:
     """Whether a frame and its counters are equal to golden."""
     return "yes" if row["bit_exact"] and not row["counter_errors"] else "NO"
@@ -185,7 +197,7 @@ def full_hd_table(reports: dict[str, dict]) -> str | None:
 
 REPORT_TABLES = {
     "performance": performance_table, "full_hd": full_hd_table, "area": area_table, "energy": energy_table,
-    "model": model_table, "joint_frames": joint_frames_table,
+    "model": model_table, "joint_frames": joint_frames_table, "combinations": combinations_table,
     "presets": presets_table,
     "depths": depths_table, "threshold": threshold_table, "effects_all": effects_table,
     "effect_areas": effect_areas_table,

@@ -5,7 +5,7 @@
     msv2 study run results --keep               the same into reports/, and the tables of README.md and docs/ from there
     msv2 study run results --only frames        one part: accuracy, frames, frames_v3, frames_streams, frames_eyes,
                                                 machine, sorting, order, latencies, synthesis, culling_area, colour, bench
-    msv2 study run results --only frames_eyes --machine tiny_eyes    the rows of one machine; the other rows stay
+    msv2 study run results --only frames_eyes --machine v3_eyes      the rows of one machine; the other rows stay
     msv2 study run results --only training      the tables of training, of the embedded scene and of posed/fern in MSV2_DATA;
                                                 it takes hours, but finished runs in build/train are not trained again
     msv2 study run results --only synthesis --unit splat_fetch    the row of one unit; the other rows stay
@@ -38,8 +38,8 @@ from msv2.studies.catalogue import BY_NAME
 from msv2.studies.destination import KEEP, keeping, tell
 from msv2.studies.record import liberties, write_report
 from msv2.studies.results.frames import frame_rows, write_frames
-from msv2.studies.results.joint_frames import COMBINATIONS, WANTED, measure_frames_eyes
 from msv2.studies.results.joint_frames import VIEWS as JOINT_VIEWS
+from msv2.studies.results.joint_frames import WANTED, measure_frames_eyes
 from msv2.studies.results.tables import PAGES, fill
 from msv2.studies.rtl_frame import AWAY, INSIDE
 from msv2.studies.rtl_frame import COMMAND as FRAME_COMMAND
@@ -216,7 +216,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                         help="with --only synthesis, update only this row; may be given several times")
     parser.add_argument("--scene", choices=sorted({view.scene for view in (*EXACT, *EXACT_LARGE, *JOINT_VIEWS)}),
                         help="with --only frames, frames_v3, frames_streams or frames_eyes, update only the rows of this scene")
-    parser.add_argument("--machine", choices=sorted({frame[2] for frame in (*WANTED, *COMBINATIONS)}), action="append",
+    parser.add_argument("--machine", choices=sorted({frame[2] for frame in WANTED}), action="append",
                         help="with --only frames_eyes, update only the rows of this machine; may be given several times")
     parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where a page is stale")
     args = parser.parse_args(argv)

@@ -23,18 +23,21 @@ from msv2.studies.performance.frames import SECOND_VIEW, request
 from msv2.studies.threshold.scales import table_scale
 from msv2.studies.v3.frames import CACHE, Subject, moved, total_bytes
 from msv2.studies.v3.frames import traced as trace_of_paper
-from msv2.studies.v3.summary import FOUR_ARRAYS as ARRAYS
 from perf.joint_trace import joint_trace
 from perf.model import MemoryModel, simulate
 from perf.supertiles import simulate_supertiles
 from perf.supertiles_trace import VERSION, SuperTrace, load_trace, save_trace, super_trace
 from perf.trace import trace_key
-from spec.config import PAPER, V3, AcceleratorConfig
+from spec.config import PAPER, V3, V3_EYES, V3_EYES_LARGE, V3_EYES_STREAMS, AcceleratorConfig
 from spec.sources import fingerprint, sources_of
 
-MACHINES = {V3.name: V3, ARRAYS: V3.with_(streams=4), f"{ARRAYS}, 1,024 places": V3.with_(streams=4, batch_places=1024)}
-"""The machines by name: `v3`; with four arrays of a quarter of its cores each; and with twice the batch buffer beside, because
-places of two eyes fill it twice as fast. A frame of one eye is measured on the same machine."""
+ARRAYS = f"{V3_EYES_STREAMS.name}, not packed"
+
+MACHINES = {V3_EYES.name: V3_EYES, ARRAYS: V3_EYES_STREAMS.with_(packed=False), V3_EYES_STREAMS.name: V3_EYES_STREAMS,
+            V3_EYES_LARGE.name: V3_EYES_LARGE}
+"""The machines by name: one array, and display pixels; four arrays of a quarter of its cores each; packed frames besides; and
+twice the places in a batch besides, because places of two eyes fill it twice as fast. A frame of one eye is measured on the
+same machine."""
 
 CAMERAS = (ORBIT, SECOND_VIEW)
 """The cameras from which pixels are measured. The orbit's first one looks along an axis of the captured scenes, so that the
@@ -108,13 +111,13 @@ def cycle_rows(
     subject: Subject, machine: str, memory: str, config: AcceleratorConfig, clock_mhz: float = 1000.0,
 ) -> list[dict[str, object]]:
     """The numbers of a frame of one eye and of joint frames on a machine, by its name in the report and its configuration, with
-    a memory, JSON-ready; `bytes` by client."""
+    a memory, JSON-ready; `bytes` by client. Frames are packed where the machine can."""
     out = []
     one, two = traces(subject, config)
     for kind, trace in ((ONE, one), (TWO, two), (SHARED, two)):
         if kind == SHARED and not two.sh_degree:
             continue  # without harmonics, colours have no direction
-        found = simulate_supertiles(trace, config, display=True,
+        found = simulate_supertiles(trace, config, display=True, packed=config.packed,
                                     memory=MemoryModel(**memory_arguments(memory), clock_ns=1e3 / clock_mhz),
                                     shared_colour=kind == SHARED)
         busy = {name: stage.busy for name, stage in found.stages.items()}

@@ -10,8 +10,8 @@ from msv2.studies.memory import IDEAL, MEMORY_NAMES
 from msv2.studies.page import table
 from msv2.studies.performance.summary import geomean
 from msv2.studies.two_eyes.headset import section
-from msv2.studies.two_eyes.measure import ARRAYS, MACHINES, ONE, SHARED, TWO
-from spec.config import PAPER, V3, V3_EYES
+from msv2.studies.two_eyes.measure import MACHINES, ONE, SHARED, TWO
+from spec.config import PAPER, V3_EYES, V3_EYES_LARGE, V3_EYES_STREAMS
 
 Row = Mapping[str, Any]
 
@@ -67,21 +67,22 @@ def page(content: Mapping[str, Any]) -> str:
           _number(f["two_eyes_gain"], 2), _number(f["two_eyes_gain_shared"], 2)) for f in found], 2)
     parts = [
         "# Two eyes from one set of lists", "Written by `msv2 study run two_eyes`. docs/stereo.md describes joint frames, and "
-        "docs/formats.md defines them.\n\nThe cycles are those of the cycle model, for display pixels that are **not "
-        f"packed**. `{V3_EYES.name}` is the machine whose RTL renders joint frames "
-        "(reports/frames_eyes.json). The frames are those of reports/v3.md: four levels and the gaze in the centre of the left "
-        "eye, which is the source; the right eye looks at the same point.",
+        f"docs/formats.md defines them.\n\nThe cycles are those of the cycle model. `{V3_EYES.name}` has one array and writes "
+        f"display pixels; `{V3_EYES_STREAMS.name}` has four arrays and packs the frames of both eyes; the RTL of both renders "
+        "joint frames (reports/frames_eyes.json). The frames are those of reports/v3.md: four levels and the gaze in the "
+        "centre of the left eye, which is the source; the right eye looks at the same point.",
         "## Cycles",
         f"Geometric means over the frames. The phases of a frame follow each other. The goals are a share of at most "
-        f"{SHARE_GOAL:.2f} and a gain of at least {GAIN_GOAL}. `{V3.name}` has one array; four arrays of a quarter of its "
-        "cores each are the machine that the goals were set for, which had packed frames, too. Places of two eyes fill the "
-        "batch buffer twice as fast, so that tiles are visited more often; the last machine has twice the places, for either "
-        "frame. Shared colours change frames with harmonics alone.", means,
+        f"{SHARE_GOAL:.2f} and a gain of at least {GAIN_GOAL}. The goals were set for four arrays and packed frames. Places of "
+        "two eyes fill the batch buffer twice as fast, so that tiles are visited more often; the last machine, "
+        f"`{V3_EYES_LARGE.name}`, has twice the places, for either frame. Its share is smaller because frames of one eye take "
+        f"longer on it, while those of two take as long as on `{V3_EYES_STREAMS.name}`. Shared colours change frames with "
+        "harmonics alone.", means,
         *(part for f in found for part in (
             f"### {f['machine']}, {MEMORY_NAMES[f['memory']]}",
             _frames(rows, f)) if f["shares"]),
-        "## Where the second eye's cycles go", f"Four arrays, {MEMORY_NAMES[IDEAL]}: cycles of both phases, one eye / two "
-        "eyes, and the items that stages take in the second frame over those in the first.", _stages(rows),
+        "## Where the second eye's cycles go", f"`{V3_EYES_STREAMS.name}`, {MEMORY_NAMES[IDEAL]}: cycles of both phases, "
+        "one eye / two eyes, and the items that stages take in the second frame over those in the first.", _stages(rows),
         "## The eyes of a headset", section(content),
         "## Pairs", "Pairs of splats and super-tiles of both eyes over those of the source, with the shift of the median "
         "disparity, in tiles; with none; and with the best one of -4..4.", _shifts(content["shifts"]),
@@ -111,7 +112,7 @@ def _frames(rows: Sequence[Row], found: Row) -> str:
 
 
 def _stages(rows: Sequence[Row]) -> str:
-    found = {"machine": ARRAYS, "memory": IDEAL}
+    found = {"machine": V3_EYES_STREAMS.name, "memory": IDEAL}
     one, two = _of(rows, ONE, found), _of(rows, TWO, found)
     names = ("projection", "tile_test", "fetch", "colour", "batch", "array")
     return table(

@@ -44,7 +44,8 @@ def measured(args: argparse.Namespace) -> dict[str, Any]:
                 quality += [measure.quality_row(subject, camera) for camera in measure.CAMERAS]
     wide = not args.scene and not args.size  # a run that names frames asks for no others
     return {"missing": missing, "headset": headset.rows() if wide else [], "headset_missing": headset.missing(),
-            "goals": {"second_eye_share": SHARE_GOAL, "two_eyes_gain": GAIN_GOAL, "headset_fps": headset.GOAL_FPS},
+            "goals": {"second_eye_share": SHARE_GOAL, "two_eyes_gain": GAIN_GOAL, "headset_fps": headset.GOAL_FPS,
+                      "headset_slow_fps": headset.SLOW_GOAL_FPS},
             "summary": summary(rows, paper), "paper": paper, "shifts": shifts, "quality": quality, "frames": rows}
 
 
@@ -56,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     scenes = [scene_file(scene) for scene in args.scene or frames.SCENES if scene != EMBEDDED]
     write_report(out / "two_eyes.json", content, [__name__],
                  {"arguments": args, "machines": measure.MACHINES | headset.MACHINES},
-                 [*filter(None, scenes)])
+                 [headset.TIMING, *filter(None, scenes)])
     write_page(out / "two_eyes.md", page(content))
     for found in content["summary"].values():
         numbers = ((name, found[name]) for name in ("second_eye_share", "two_eyes_gain"))

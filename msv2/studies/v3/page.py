@@ -9,8 +9,7 @@ from msv2.studies.memory import LPDDR3, MEMORY_NAMES
 from msv2.studies.page import table
 from msv2.studies.v3.frames import MACHINES, MEMORIES
 from msv2.studies.v3.summary import Row, of
-from msv2.studies.v3.supertiles import STREAMS_PACKED
-from spec.config import PAPER, V3, V3_PACKED, V3_RECORDS
+from spec.config import PAPER, V3, V3_EYES_LARGE, V3_PACKED, V3_RECORDS, V3_STREAMS_PACKED
 from spec.registers import CHUNK_READ_CLIENTS, READ_CLIENTS, WRITE_CLIENTS
 
 NONE = "-"
@@ -102,9 +101,9 @@ def _streams(content: Mapping[str, Any]) -> str:
     step = content["steps"].get("streams")
     if not step:
         return ""
-    name, eyes = STREAMS_PACKED.name, ""
+    name, eyes = V3_STREAMS_PACKED.name, ""
     if step["two_eyes_gain"] is not None:
-        eyes = (" Both eyes in joint frames (reports/two_eyes.md: not packed) take "
+        eyes = (f" Both eyes in joint frames on `{V3_EYES_LARGE.name}` (reports/two_eyes.md) take "
                 f"{step['two_eyes_gain']:.2f} times fewer LPDDR3 cycles than two frames of `{PAPER.name}`, "
                 f"{step['two_eyes_gain_ideal']:.2f} with the ideal memory; the second eye costs "
                 f"{step['second_eye_share']:.2f} and {step['second_eye_share_ideal']:.2f} of the first.")
@@ -113,8 +112,9 @@ def _streams(content: Mapping[str, Any]) -> str:
                  f"{step['gscore_like_gain']:.2f} times as fast with LPDDR3, and {step['gscore_like_gain_ideal']:.2f} times "
                  "with the ideal memory, on the frames of reports/performance.md.")
     return "\n\n".join((
-        "## Four arrays", f"`{name}` is `{V3.name}` with four arrays, each with a stream of the batch of its own, and packed "
-        f"frames. The first row is over `{PAPER.name}`, the second over `{V3.name}`.{eyes}",
+        "## Four arrays", f"`{name}` is `{V3.name}` with four arrays, each with a stream of the batch of its own, packed "
+        f"frames, and batches of {V3_STREAMS_PACKED.batch_places} places instead of {V3.batch_places}. The first row is over "
+        f"`{PAPER.name}`, the second over `{V3.name}`.{eyes}",
         _gains({f"{name} over {PAPER.name}": step, f"{name} over {V3.name}": step["over_v3"]})))
 
 

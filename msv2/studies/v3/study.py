@@ -30,14 +30,14 @@ from msv2.studies.record import write_report
 from msv2.studies.v3 import frames, orders, photographs, summary, supertiles
 from msv2.studies.v3.page import page
 from spec.command_line import command_parser
-from spec.config import V3, V3_PACKED, V3_STREAMS
+from spec.config import V3, V3_EYES_LARGE, V3_PACKED, V3_STREAMS, V3_STREAMS_PACKED
 from spec.errors import InputError
 from spec.paths import REPORTS
 
 REPORT, EYES, OVERLAP, MACHINES = (REPORTS / f"{name}.json" for name in ("v3", "two_eyes", "overlap", "performance"))
 """The report itself, and those of which it shows numbers: joint frames, overlapped phases, and machines like GSCore."""
 
-SUPERTILES = {V3: (V3, V3_PACKED), V3_STREAMS: (supertiles.STREAMS_PACKED,)}
+SUPERTILES = {V3: (V3, V3_PACKED), V3_STREAMS: (V3_STREAMS_PACKED,)}
 """The machines with lists by super-tile, by the one whose traces they take."""
 
 
@@ -45,10 +45,13 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser("msv2 study run v3", __doc__)
     frames.add_subjects(parser)
     parser.add_argument("--orders", default="1", choices=("0", "1"),
-                        help="compare the orders of the model, on the frames of the first size (default: 1)")
-    parser.add_argument("--photographs", default="1", choices=("0", "1"), help="measure against photographs (default: 1)")
+                        help="compare the orders of the model, on frames of the first size; with 0 and all scenes, those of "
+                        "the kept report stay (default: 1)")
+    parser.add_argument("--photographs", default="1", choices=("0", "1"),
+                        help="measure against photographs; with 0 and all scenes, those of the kept report stay (default: 1)")
     parser.add_argument("--turns", default="1", choices=("0", "1"),
-                        help="measure how well the bounds of depth buckets suit the next frame (default: 1)")
+                        help="measure how well bounds of depth buckets suit the next frame; with 0 and all scenes, those of "
+                        "the kept report stay (default: 1)")
     parser.add_argument("--anew", action="store_true",
                         help="measure nothing: summarise the rows of the kept report anew, and write its page")
     parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",
@@ -57,7 +60,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def measure(args: argparse.Namespace, old: Mapping[str, Any]) -> dict[str, Any]:
-    """The report's numbers; photographs whose run is missing have those of the report `old`.
+    """The report's numbers. Photographs whose run is missing, and parts that are not asked for, have those of the report `old`.
 
     Raises:
         InputError: a scene that the command line names is missing.
@@ -88,11 +91,16 @@ def measure(args: argparse.Namespace, old: Mapping[str, Any]) -> dict[str, Any]:
     for scene, run in runs.items():
         with progress.step(f"photographs: {scene}"):
             photo_rows += photographs.photo_rows(scene, run)
-    photo_rows += _kept(old, missing_runs)
+    names = [subject.name for subject in ordered]
+    photo_rows += _kept(old, missing_runs if args.photographs == "1" else [row["scene"] for row in old.get("photographs", ())])
+    if args.turns == "0" and old:
+        overflow = old["steps"]["supertiles"]["overflow"]
+    if args.orders == "0" and old:
+        names, order_rows = old["ordered"], old["order_frames"]
     return summarised({
         "clock_hz": frames.CLOCK_HZ, "missing": missing,
         "missing_runs": [scene for scene in missing_runs if scene not in {row["scene"] for row in photo_rows}],
-        "ordered": [subject.name for subject in ordered], "goals": [], "steps": {}, "frames": rows, "photographs": photo_rows,
+        "ordered": names, "goals": [], "steps": {}, "frames": rows, "photographs": photo_rows,
         "orders": [], "order_frames": order_rows}, overflow)
 
 
@@ -113,7 +121,7 @@ def _beside(report: Path, key: str) -> Any:
 def _overlap_step() -> dict[str, Any]:
     """The step of overlapped phases, from their report, if that is there."""
     found = _beside(OVERLAP, "summary")
-    return {"overlap": overlap_page.steps(found, supertiles.STREAMS_PACKED.name, summary.FOUR_ARRAYS)} if found else {}
+    return {"overlap": overlap_page.steps(found, V3_STREAMS_PACKED.name, V3_EYES_LARGE.name)} if found else {}
 
 
 def _kept(old: Mapping[str, Any], scenes: Sequence[str]) -> list[Mapping[str, Any]]:
@@ -137,7 +145,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     write_report(out / "v3.json", content, [__name__], {"arguments": args, "machines": machines},
                  [TABLE, EYES, OVERLAP, MACHINES, *filter(None, scenes),
                   *(run / "model.ply" for run in photographs.runs_here()[0].values())],
-                 earlier=old if args.anew or _kept(old, photographs.runs_here()[1]) else None)
+                 earlier=old if args.anew or "0" in (args.orders, args.turns, args.photographs) or _kept(
+                     old, photographs.runs_here()[1]) else None)
     write_page(out / "v3.md", page(content))
     for goal in content["goals"]:
         found = "not measured" if goal["found"] is None else f"{goal['found']:.4f}"

@@ -9,8 +9,7 @@ from golden.scenes.load import EMBEDDED
 from msv2.studies.memory import IDEAL, LPDDR3
 from msv2.studies.performance.summary import geomean
 from msv2.studies.v3.frames import MACHINES
-from msv2.studies.v3.supertiles import STREAMS_PACKED
-from spec.config import PAPER, V3, V3_PACKED, V3_RECORDS
+from spec.config import PAPER, V3, V3_EYES_LARGE, V3_PACKED, V3_RECORDS, V3_STREAMS_PACKED
 
 Row = Mapping[str, Any]
 
@@ -27,9 +26,6 @@ WHOLE_BYTES_GOAL, WHOLE_IDEAL_GOAL, WHOLE_LPDDR3_GOAL, WHOLE_DRAM_GOAL = 2.9, 2.
 energy of DRAM."""
 
 CAPTURED_SIZE = "640x360"
-
-FOUR_ARRAYS = "four arrays"
-"""The name of the machine with four streams in reports/two_eyes.json."""
 
 CULLED = "garden_large"
 """The scene whose share of chunks has a goal: a camera in it sees a part of it only."""
@@ -97,8 +93,7 @@ def steps(
         rows: the frames.
         photographs: the rows of losses against photographs.
         overflow: the rows of turns.
-        eyes: the summary of reports/two_eyes.json. Its joint frames on four arrays, which are not packed, stand beside the step
-            `streams`.
+        eyes: the summary of reports/two_eyes.json. Its joint frames on V3_EYES_LARGE stand beside the step `streams`.
         machines: the steps of reports/performance.json. How many times as fast as a GSCore-like machine of equal area the
             machine with four arrays is on the frames of that report stands there, too.
     """
@@ -106,24 +101,24 @@ def steps(
     worst = max((row["loss_db"] for row in photographs), default=None)
     found = {**gains(rows, V3_RECORDS.name), "worst_photo_loss_db": worst, "chunks_read": shares(rows), "beside": parts}
     packed = {"packed": {**gains(rows, V3_PACKED.name), "over_v3": gains(rows, V3_PACKED.name, V3.name)}}
-    streams = {"streams": {**gains(rows, STREAMS_PACKED.name), "over_v3": gains(rows, STREAMS_PACKED.name, V3.name),
+    streams = {"streams": {**gains(rows, V3_STREAMS_PACKED.name), "over_v3": gains(rows, V3_STREAMS_PACKED.name, V3.name),
                            **_second_eye(eyes or {}), **_over_gscore(machines)}}
     return {"records": found, "supertiles": supertiles(rows, overflow), **(packed if of(rows, machine=V3_PACKED.name) else {}),
-            **(streams if of(rows, machine=STREAMS_PACKED.name) else {})}
+            **(streams if of(rows, machine=V3_STREAMS_PACKED.name) else {})}
 
 
 def _second_eye(eyes: Mapping[str, Row]) -> dict[str, float | None]:
-    """What joint frames give on four arrays: with LPDDR3, and with the ideal memory."""
+    """What joint frames give on V3_EYES_LARGE: with LPDDR3, and with the ideal memory."""
     out: dict[str, float | None] = {}
     for memory, end in ((LPDDR3, ""), (IDEAL, "_ideal")):
-        found = eyes.get(f"{FOUR_ARRAYS}, {memory}", {})
+        found = eyes.get(f"{V3_EYES_LARGE.name}, {memory}", {})
         out |= {f"{name}{end}": found.get(name) for name in ("two_eyes_gain", "second_eye_share")}
     return out
 
 
 def _over_gscore(machines: Sequence[Row]) -> dict[str, float | None]:
     """How many times as fast as a GSCore-like machine of equal area the machine with four arrays and packed frames is."""
-    found = next((row["gscore_like_gain"] for row in machines if row["machine"] == STREAMS_PACKED.name), {})
+    found = next((row["gscore_like_gain"] for row in machines if row["machine"] == V3_STREAMS_PACKED.name), {})
     return {f"gscore_like_gain{end}": found.get(memory) for memory, end in ((LPDDR3, ""), (IDEAL, "_ideal"))}
 
 
@@ -139,7 +134,7 @@ def goals(rows: Sequence[Row], photographs: Sequence[Row], overflow: Sequence[Ro
         levels = lost[0]["levels"]
         out.append(_goal(f"dB lost against photographs, {levels} level{'s' if levels > 1 else ''}", limit,
                          max(row["loss_db"] for row in lost), least=False))
-    step, whole = supertiles(rows, overflow), gains(rows, STREAMS_PACKED.name)
+    step, whole = supertiles(rows, overflow), gains(rows, V3_STREAMS_PACKED.name)
     return [
         *out, _goal("super-tiles: bytes of a frame, times fewer", SUPER_BYTES_GOAL, step["bytes_gain"], least=True),
         _goal(f"super-tiles: bytes of a captured frame of {CAPTURED_SIZE}, times fewer at least", SUPER_CAPTURED_GOAL,

@@ -25,17 +25,13 @@ from msv2.studies.v3.frames import CACHE, CLOCK_HZ, Subject, moved, total_bytes
 from perf.model import MemoryModel
 from perf.supertiles import simulate_supertiles
 from perf.supertiles_trace import SuperTrace, trace_request
-from spec.config import V3, V3_STREAMS, AcceleratorConfig
+from spec.config import V3, AcceleratorConfig
 
 TURNS = (0.5, 2.0)
 """Degrees by which the camera turns between two frames."""
 
 STEP = 0.005
 """How far the camera moves to the side meanwhile, in units of the world."""
-
-
-STREAMS_PACKED = V3_STREAMS.with_(name="v3_streams_packed", packed=True)
-"""All that is built for one eye: four arrays, and packed frames."""
 
 
 def super_traced(subject: Subject, config: AcceleratorConfig = V3) -> SuperTrace:

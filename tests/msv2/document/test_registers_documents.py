@@ -8,7 +8,14 @@ from xml.etree import ElementTree
 import pytest
 
 from msv2.document.registers import MAKERS
-from msv2.document.registers_map import EVERY_MACHINE, JOINT_MACHINE, SUPERTILE_MACHINE, register_list, words_of
+from msv2.document.registers_map import (
+    EVERY_MACHINE,
+    JOINT_MACHINE,
+    SUPERTILE_MACHINE,
+    WARP_MACHINE,
+    register_list,
+    words_of,
+)
 from spec.config import TINY, TINY_V3, AcceleratorConfig
 from spec.register_fields import Access, Register
 from spec.registers import register_map
@@ -19,7 +26,8 @@ MACHINES = {"tiny": TINY, "without_counters": TINY.with_(counters=False), "super
 
 def registers_of(config: AcceleratorConfig) -> dict[str, Register]:
     """The registers by name; EVERY_MACHINE stands for all machines."""
-    more = (*register_map(JOINT_MACHINE), *register_map(SUPERTILE_MACHINE)) if config == EVERY_MACHINE else ()
+    others = (WARP_MACHINE, JOINT_MACHINE, SUPERTILE_MACHINE) if config == EVERY_MACHINE else ()
+    more = tuple(register for machine in others for register in register_map(machine))
     return {r.name: r for r in (*more, *register_map(config))}
 
 

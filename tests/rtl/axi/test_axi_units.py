@@ -185,7 +185,7 @@ def test_stage_counters_add_up():
 
 
 @pytest.mark.parametrize("config", [TINY, TINY.with_(stereo=True), *with_every_register(TINY)],
-                         ids=["tiny", "stereo", "chunks and stereo", "super-tiles", "joint frames"])
+                         ids=["tiny", "stereo", "chunks and stereo", "super-tiles", "joint frames", "warped joint frames"])
 def test_performance_counters_count_what_their_names_say(config):
     rng, dut = random.Random(2), PerformanceCounters(config)
     readers = registers.read_clients(config)

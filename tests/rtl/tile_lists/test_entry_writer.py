@@ -75,8 +75,9 @@ def test_a_writer_takes_an_entry_a_cycle_and_one_more_for_a_page():
     items = frame_items([3] * 300)
     moves = written(items, CLEARED + 340)
     taken, opened = cycles_of(moves, "entries"), 3
-    assert taken[-1] - taken[0] == 300 + opened
-    assert moves["hits"][0][0] - taken[0] == 3 and moves["writes"][0][0] - taken[0] == 7
+    passes = taken[1] - 1  # the first entry waits while places are cleared, and the next is taken when it has passed
+    assert taken[-1] - passes == 300 + opened
+    assert moves["hits"][0][0] - passes == 3 and moves["writes"][0][0] - passes == 7
     writes = cycles_of(moves, "writes")
     assert writes[-1] - writes[0] == 300 + opened - 1
 
@@ -92,7 +93,8 @@ def test_frames_follow_each_other_behind_their_clearing(pauses):
     assert words_of(moves, "writes") == [write for _, writes in expected for write in writes]
     ends = np.cumsum([len(items) for items in frames])
     taken = cycles_of(moves, "entries")
-    assert all(taken[end] - taken[end - 1] >= 16 for end in ends[:-1])
+    behind = [end + 1 for end in ends[:-1] if end + 1 < len(taken)]  # the first item of the next frame may wait in the writer
+    assert behind and all(taken[place] - taken[place - 2] >= 16 for place in behind)
 
 
 @pytest.mark.parametrize("slots", [1, 2, 16])

@@ -61,3 +61,9 @@ def test_each_machine_has_its_own_phases():
     for config, phases in ((TINY, (geometry_phase.GeometryPhase, render_phase.RenderPhase)),
                            (TINY_V3, (bin_phase.BinPhase, gather_phase.GatherPhase))):
         assert machine.phases(config) == phases
+
+
+def test_machines_with_super_tiles_have_rows_of_more_than_two_tiles():
+    assert machine.Machine(TINY.with_(row_width=16)).config.row_width == 16
+    with pytest.raises(ValueError, match=r"^row_width must be more than 32 in a machine with lists by super-tile, not 32$"):
+        machine.Machine(TINY_V3.with_(row_width=32))

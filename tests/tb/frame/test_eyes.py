@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from golden.host.memory_image import DisplayPixels
-from golden.msv2_ref.eyes import render_request
+from golden.msv2_ref.eyes import per_pixel, render_request
 from spec.codes import ErrorCode
 from spec.config import TINY
 from spec.registers import STEREO_EVENTS, counters
@@ -92,7 +92,7 @@ def test_bounds_are_of_what_is_rendered(played, tmp_path):
     alone = bound_cycles(source, 0, 0, 0, None)
     assert both["sort"] - alone["sort"] == len(target.entries.splat) and both["array"] - alone["array"] in (ops, ops + 1)
     assert both["pixel_rows"] - alone["pixel_rows"] == tiles * 64
-    inside = frame._per_pixel(frame.rendered)
+    inside = per_pixel(target, frame.rendered)
     assert rendered_pixels(target) == inside.sum() and rendered_pixels(source) == 70 * 50
 
 

@@ -24,7 +24,7 @@ from tb.top.suite import (
     run_plan,
 )
 
-V2_CYCLES = {"gaze in the middle, usual memory": 15_268, "bounding boxes, usual memory": 16_672}
+V2_CYCLES = {"gaze in the middle, usual memory": 15_270, "bounding boxes, usual memory": 16_674}
 """Cycles of some frames of the plan, from start to end."""
 
 IN_SHORT = ("reset after 250", "abort after 40", "geometry fails", "frame fails", "width = 0", "second pages", "room for runs")
@@ -132,6 +132,33 @@ def test_joint_frames_in_short(variant, tmp_path):
     assert any(item.joint and item.run.image.packed for item in plan) == config.packed
     outcome = run_plan(config, plan, tmp_path)
     assert outcome.failures == {} and outcome.runs == len(plan) > 40
+
+
+WARPED_IN_SHORT = (
+    "gaze in the middle, usual", "right eye first, usual", "holes stay, usual", "all tiles known, usual",
+    "no tile known, usual", "shift -8, usual", "shift 8, slow", "wide wall, usual", "shared colours, usual", "alone, far",
+    "no Gaussians, usual", "one pixel, pauses", "odd size, usual", "one column, instant")
+"""Of the plan's joint frames with a warped eye, a few, with the frames that follow some of them."""
+
+WARPED_BROKEN = (
+    "reset after 250 ", "abort after 250 ", "after 300 cycles of the second sweep", "target_tiles fails", "supertiles fails",
+    "target_frame fails", "joint = 0", "second pages")
+"""Of those that end early, some of each kind, in both sweeps."""
+
+
+def test_joint_frames_with_a_warped_eye_in_short(tmp_path):
+    config = VARIANTS["tiny_eyes_warp"]
+    plan = short_plan(config, WARPED_IN_SHORT, WARPED_BROKEN)
+    warped = [item.warped for item in plan if item.warped is not None and item.error is ErrorCode.NONE]
+    assert {(frame.known.any(), frame.holes.any()) for frame in warped} >= {(True, True), (True, False), (False, True)}
+    assert any(frame.registers.shared_colour and frame.again for frame in warped)
+    assert any(frame.registers.warping.source_right for frame in warped)
+    assert any(frame.shares["holes"] for frame in warped)
+    assert any(item.joint for item in plan) and any(item.warped is None and item.joint is None for item in plan)
+    outcome = run_plan(config, plan, tmp_path)
+    assert outcome.failures == {} and outcome.runs == len(plan) > 30
+    late = [outcome.recordings[item.name].registers for item in plan if item.run.late and item.run.abort]
+    assert late and all(registers["cycles_target"] > 0 for registers in late)
 
 
 @pytest.mark.long

@@ -13,7 +13,7 @@ from tb.top.plan_overlap import broken_rows, good_rows, in_a_row, row_problems, 
 from tb.top.stimuli import Case
 from tb.top.suite import VARIANTS
 
-IN_SHORT = ("turning", "abort 300 cycles", "reset 1500", "entries of the second", "frame of the first", "a bad setting")
+IN_SHORT = ("turning", "abort 300 cycles", "reset 1500", "entries of the second", "frame of the first", "a bad near")
 """Of the rows, some of each kind."""
 
 

@@ -8,27 +8,37 @@ from golden.scenes.files import read_json
 from msv2.studies.area import eyes
 from msv2.studies.area.estimate import estimate_area
 from rtl.units import UNITS
-from spec.config import V3, V3_EYES, V3_EYES_STREAMS
+from spec.config import V3, V3_EYES, V3_EYES_OVERLAP, V3_EYES_STREAMS, V3_OVERLAP, AcceleratorConfig
 from spec.paths import REPORTS
 from synth.machine import CULLING, GROUPS
 from synth.scaling import TO_16NM
 
 
 def test_every_unit_can_be_made() -> None:
-    assert {name for name, part in eyes.PARTS.items() if part.make is None} <= set(UNITS)
-    assert {part.group for part in eyes.PARTS.values()} <= set(GROUPS) and not {*eyes.PARTS} & {*eyes.UNMEASURED}
-    for name in ("eye_points", "eye_culls", "pair_union"):
-        assert eyes.PARTS[name].make(V3_EYES) is not None
+    for name, part in eyes.PARTS.items():
+        assert part.group in GROUPS and getattr(part.machine, part.field)
+        for unit in (name.split()[0], *(part.instead or ())):
+            assert (unit in UNITS) != (unit in eyes.MAKERS)
+    for field, names in eyes.UNMEASURED.items():
+        assert not {name for name, part in eyes.PARTS.items() if part.field == field} & {*names}
+    for make in eyes.MAKERS.values():
+        assert make(V3_EYES_OVERLAP) is not None
+
+
+def added(config: AcceleratorConfig, *fields: str) -> float:
+    """What rows of 1,000 um^2 with these fields add to the logic of a machine, in um^2 at 16 nm."""
+    rows = [{"unit": "x", "group": CULLING, "field": field, "added_um2": 1000.0} for field in fields]
+    none, more = estimate_area(config, []), estimate_area(config, rows)
+    found = more.groups[CULLING].logic_um2 - none.groups[CULLING].logic_um2
+    assert more.logic_mm2 - none.logic_mm2 == pytest.approx(1e-6 * found) and more.memory_mm2 == none.memory_mm2
+    return found / (1000 * TO_16NM["asap7"].area)
 
 
 def test_what_units_add_is_in_the_machines_area() -> None:
-    row = {"unit": "eye_culls", "group": CULLING, "added_um2": 1000.0}
     for config in (V3_EYES, V3_EYES_STREAMS):
-        none, more = estimate_area(config, []), estimate_area(config, [row])
-        added = more.groups[CULLING].logic_um2 - none.groups[CULLING].logic_um2
-        assert added == pytest.approx(1000 * TO_16NM["asap7"].area)
-        assert more.logic_mm2 - none.logic_mm2 == pytest.approx(1e-6 * added) and more.memory_mm2 == none.memory_mm2
-    assert estimate_area(V3, [row]) == estimate_area(V3)
+        assert added(config, "joint") == pytest.approx(1) and added(config, "overlap") == 0
+    assert added(V3_OVERLAP, "overlap") == pytest.approx(1) and added(V3_OVERLAP, "joint") == 0
+    assert added(V3_EYES_OVERLAP, "overlap", "joint", "joint") == pytest.approx(3) and added(V3, "overlap", "joint") == 0
 
 
 def test_the_report_says_whether_units_meet_the_clock() -> None:

@@ -14,11 +14,10 @@ from msv2.studies.energy.frame import frame_energy
 from msv2.studies.energy.memories import configured
 from msv2.studies.energy.supertiles import GONE, OPERATIONS, super_counts, super_table
 from msv2.studies.energy.table import load_table
-from msv2.studies.v3.supertiles import STREAMS_PACKED
 from perf.model import MemoryModel
 from perf.supertiles import simulate_supertiles
 from perf.supertiles_trace import super_trace
-from spec.config import V3
+from spec.config import V3, V3_STREAMS, V3_STREAMS_PACKED
 from spec.constants import FLIP_FLOP_BITS, TILE
 from spec.stages import SUPERTILE_STAGES
 
@@ -108,11 +107,11 @@ def test_the_units_of_streams_and_of_packed_frames_take_the_places_of_others():
         return {unit.name: unit for unit in super_table(table, config).units}
 
     for table, config, there, gone in (
-        (bare, STREAMS_PACKED, "batch_buffer", "stream_buffer"), (more, STREAMS_PACKED, "stream_buffer", "batch_buffer"),
-        (more, STREAMS_PACKED, "frame_packer", "batch_buffer"), (more, V3, "batch_buffer", "frame_packer")):
+        (bare, V3_STREAMS_PACKED, "batch_buffer", "stream_buffer"), (more, V3_STREAMS_PACKED, "stream_buffer", "batch_buffer"),
+        (more, V3_STREAMS_PACKED, "frame_packer", "batch_buffer"), (more, V3, "batch_buffer", "frame_packer")):
         assert there in names(table, config) and gone not in names(table, config)
     writer, rests, alone = (names(*given)["pixel_writer"] for given in (
-        (more, V3), (more, STREAMS_PACKED), (bare, STREAMS_PACKED)))
+        (more, V3), (more, V3_STREAMS_PACKED), (bare, V3_STREAMS_PACKED)))
     assert rests.dynamic_pj == 0 < writer.dynamic_pj == alone.dynamic_pj and rests.clock_pj == writer.clock_pj
-    streams = names(more, STREAMS_PACKED)["stream_buffer"]
-    assert configured(streams, STREAMS_PACKED) == streams.memories
+    streams = names(more, V3_STREAMS_PACKED)["stream_buffer"]
+    assert configured(streams, V3_STREAMS) == streams.memories != configured(streams, V3_STREAMS_PACKED)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -47,6 +48,10 @@ def test_the_page_and_the_lines_say_what_was_found() -> None:
     assert "| `paper` | typical | -95.0 | 12 | 1 | 0.91 | -1.0 | 3 | 1 |" in text
     assert "| -380.0 | 12 | `geometry.writer` > `geometry` > `counters` |" in text
     assert "| 40 | `msv2_top` | `msv2_top` |" in text and "| `msv2_top` | `net` | 50.0 | 46.1 |" in text
+    assert "their ports measured" not in text
+    rows["v3"] |= {"budget": study.late_rows(_whole("v3", -190.0)), "budget_commit": "def5678", "budget_runs": 1}
+    later = page({**top, "clock_ps": 1000.0, "uncertainty": 0.05, "corners": corners, "machines": rows})
+    assert "Commit def5678: modules that have changed since the linked run were mapped with at most 1 runs" in later
     printed = "\n".join(lines(_whole("paper", -95.0)))
     assert "paper, slow: slack -190.0 ps at 1000 ps with 5% uncertainty" in printed and "50 of 46 fF" in printed
 
@@ -64,6 +69,15 @@ def test_stored_interfaces_of_other_machines_stay() -> None:
 def test_an_unknown_machine_is_refused() -> None:
     with pytest.raises(InputError, match="configs tiny are not known: paper, v3 are"):
         main(["--configs", "tiny"])
+
+
+def test_ports_need_a_linked_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study, "time_ports", lambda *arguments: _whole("paper", -1.0))
+    with pytest.raises(InputError, match=r"ports need a report with a linked run: paper is not in machine_timing\.json"):
+        main(["--ports", "--configs", "paper", "--out", str(tmp_path)])
+    monkeypatch.setattr(study, "budgets", dict)
+    with pytest.raises(InputError, match="ports are measured again only where they were once: paper is not in machine_budget"):
+        main(["--ports", "--configs", "paper", "--out", str(tmp_path)])
 
 
 def test_the_kept_report_holds_together() -> None:

@@ -38,7 +38,7 @@ def test_a_small_frame(tmp_path):
     assert main(["embedded", "--size", "96x64", "--out", str(tmp_path)]) == 0
     found = json.loads((tmp_path / "overlap.json").read_text())
     text = (tmp_path / "overlap.md").read_text()
-    assert text == page(found).rstrip() + "\n" and "**No RTL does this**" in text
+    assert text == page(found).rstrip() + "\n" and "**These are numbers of the cycle model**" in text
     assert len(found["frames"]) == 2 * sum(len(kinds) for _, kinds in measure.MACHINES.values())
     for frame in found["frames"]:
         assert frame["in_turn"] / 2 < frame["overlapped"] < frame["in_turn"]

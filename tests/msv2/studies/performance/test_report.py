@@ -80,7 +80,7 @@ def runs_of(content, machine, memory):
 
 def test_every_machine_with_every_memory_over_its_own_base(content):
     names = [(r["machine"], r["memory"]) for r in content["frames"][0]["runs"]]
-    assert len(names) == len(set(names)) == 3 * 21 and machines.MEMORIES == ("lpddr3", "ideal", "unlimited")
+    assert len(names) == len(set(names)) == 3 * 22 and machines.MEMORIES == ("lpddr3", "ideal", "unlimited")
     for memory in machines.MEMORIES:
         base, two = (runs_of(content, name, memory) for name in (machines.BASE.name, machines.TWO_BASE))
         assert base["speedup"] == two["speedup"] == base["energy_ratio"] == 1 and (base["eyes"], two["eyes"]) == (1, 2)

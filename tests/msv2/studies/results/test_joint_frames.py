@@ -6,20 +6,14 @@ import pytest
 
 from golden.scenes.files import read_json
 from msv2.studies.results import joint_frames
-from msv2.studies.results.joint_frames import COMBINATIONS, WANTED, config_of
+from msv2.studies.results.joint_frames import WANTED
 from msv2.studies.results.report_tables import joint_frames_table
 from spec.config import V3_EYES, V3_EYES_STREAMS
 from spec.paths import REPORTS
 
 
-def test_the_small_frames_are_every_combination_on_two_machines() -> None:
-    kinds = {(config_of(f).streams, f[f.index("--pixels") + 1], "--stereo" in f) for f in COMBINATIONS}
-    assert kinds == {(n, pixels, two) for n in (1, 4) for pixels in ("display", "packed") for two in (False, True)}
-    assert len({config_of(f) for f in COMBINATIONS}) == 2 and all(config_of(f).joint for f in COMBINATIONS)
-
-
 def test_the_rows_of_a_frame_are_found_again() -> None:
-    assert len({joint_frames._asked(frame) for frame in (*WANTED, *COMBINATIONS)}) == len(WANTED) + len(COMBINATIONS)
+    assert len({joint_frames._asked(frame) for frame in WANTED}) == len(WANTED)
     kept = read_json(REPORTS / "frames_eyes.json")
     assert {joint_frames._key(row) for row in kept["rows"]} == {joint_frames._asked(frame) for frame in WANTED}
 
@@ -35,6 +29,5 @@ def test_the_report_has_both_machines_and_memories_and_the_models_error() -> Non
         cycles = sum(row[f"{phase}_cycles"] for phase in joint_frames.PHASES)
         model = sum(row["model"][f"{phase}_cycles"] for phase in joint_frames.PHASES)
         assert row["model"]["error"] == pytest.approx(model / cycles - 1, abs=1e-6) and abs(row["model"]["error"]) < 0.02
-    assert kept["summary"]["model_error_total"] == max(
-        abs(row["model"]["error"]) for row in (*rows, *kept["combinations"]))
+    assert kept["summary"]["model_error_total"] == max(abs(row["model"]["error"]) for row in rows)
     assert "NO" not in str(joint_frames_table({"frames_eyes": kept})) and joint_frames_table({}) is None

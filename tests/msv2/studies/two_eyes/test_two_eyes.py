@@ -16,7 +16,7 @@ from spec.errors import InputError
 SMALL = Subject("embedded", "160x96")
 
 
-def row(frame: str, kind: str, cycles: int, machine: str = "v3", memory: str = "ideal") -> dict[str, object]:
+def row(frame: str, kind: str, cycles: int, machine: str = "v3_eyes", memory: str = "ideal") -> dict[str, object]:
     return {"frame": frame, "kind": kind, "cycles": cycles, "machine": machine, "memory": memory}
 
 
@@ -25,13 +25,13 @@ def test_the_summary_has_shares_and_gains_by_machine_and_memory():
             row("b", measure.ONE, 100), row("b", measure.TWO, 180), row("b", measure.ONE, 50, memory="lpddr3")]
     paper = [{"frame": "a", "memory": "ideal", "cycles": 300}, {"frame": "b", "memory": "ideal", "cycles": 360},
              {"frame": "a", "memory": "lpddr3", "cycles": 1}]
-    found = summary(rows, paper)["v3, ideal"]
+    found = summary(rows, paper)["v3_eyes, ideal"]
     assert found["shares"] == {"a": pytest.approx(0.5), "b": pytest.approx(0.8)}
     assert found["second_eye_share"] == pytest.approx(math.sqrt(0.5 * 0.8))
     assert found["two_eyes_gain"] == pytest.approx(math.sqrt(4 * 4))
     assert found["shares_shared"] == {"a": pytest.approx(0.4), "b": pytest.approx(0.8)}  # b has no harmonics
-    assert summary(rows, paper)["v3, lpddr3"]["second_eye_share"] is None
-    assert summary(rows, [])["v3, ideal"]["two_eyes_gain"] is None
+    assert summary(rows, paper)["v3_eyes, lpddr3"]["second_eye_share"] is None
+    assert summary(rows, [])["v3_eyes, ideal"]["two_eyes_gain"] is None
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,8 @@ def test_a_small_frame(content):
                             for kind in (measure.ONE, measure.TWO, measure.SHARED))
         assert one["cycles"] < two["cycles"] < 2 * one["cycles"] and shared["cycles"] < two["cycles"]
         assert one["pairs"] <= two["pairs"] < 1.5 * one["pairs"] and two["busy"]["fetch"] == two["pairs"]
-        assert two["bytes"]["write"]["frame"] == 2 * one["bytes"]["write"]["frame"]
+        written = two["bytes"]["write"]["frame"] / one["bytes"]["write"]["frame"]
+        assert written == (pytest.approx(2, rel=0.1) if measure.MACHINES[machine].packed else 2)
     assert content["shifts"][0]["best"] <= content["shifts"][0]["median"]
 
 
@@ -65,7 +66,7 @@ def test_the_pixels_of_a_small_frame(content):
 
 def test_the_page_says_what_is_missing(content):
     text = page(content)
-    assert "**not packed**" in text and "DIFFERS" not in text and "inf" not in text.split("## Pixels")[1]
+    assert "`v3_eyes_large`, has twice the places" in text and "DIFFERS" not in text and "inf" not in text.split("## Pixels")[1]
 
 
 def test_a_missing_scene_is_named(tmp_path):
@@ -79,11 +80,13 @@ def test_frames_of_a_headset(monkeypatch):
     monkeypatch.setattr(headset, "scene_file", lambda name: name == "embedded" or None)
     rows = headset.rows()
     assert headset.missing() == ["no_such_scene"]
-    assert len(rows) == len(headset.MACHINES) * len(headset.CLOCKS_MHZ) * 3
+    assert len(rows) == len(headset.MACHINES) * len(headset.clocks_mhz()) * 3
     for row in rows:
         assert row["fps"] == pytest.approx(1e6 * row["clock_mhz"] / row["cycles"])
-    fast, slow = (next(row for row in rows if row["clock_mhz"] == clock) for clock in headset.CLOCKS_MHZ)
-    assert fast["cycles"] > slow["cycles"] and fast["fps"] > slow["fps"], "a faster machine waits more cycles for memory"
+    fast, *slow = (next(row for row in rows if row["clock_mhz"] == clock) for clock in headset.clocks_mhz())
+    assert len(slow) == 2 and slow[1]["clock_mhz"] < 500, "the machine does not reach 500 MHz at 16 nm"
+    for row in slow:
+        assert fast["cycles"] > row["cycles"] and fast["fps"] > row["fps"], "a faster machine waits more cycles for memory"
     text = headset.section({"headset": rows, "headset_missing": ["no_such_scene"]})
     assert "no_such_scene (`make train" in text and f"{fast['fps']:.0f}" in text
     assert "|" not in headset.section({"headset": [], "headset_missing": []})

@@ -15,7 +15,7 @@ from msv2.studies.memory import IDEAL, LPDDR3
 from msv2.studies.performance.frames import request
 from msv2.studies.v3 import frames, photographs, study, summary, supertiles
 from msv2.studies.v3.page import page
-from spec.config import PAPER, V3, V3_PACKED, V3_RECORDS
+from spec.config import PAPER, V3, V3_EYES_LARGE, V3_PACKED, V3_RECORDS, V3_STREAMS_PACKED
 from spec.errors import InputError
 
 
@@ -99,12 +99,12 @@ def test_the_step_to_packed_frames_is_in_reports_that_have_it(rows):
 
 def test_the_step_to_four_arrays_has_both_eyes_beside_it(rows):
     assert "streams" not in summary.steps(rows, [], [])
-    four = [r | {"machine": supertiles.STREAMS_PACKED.name, "cycles": r["cycles"] / 4} for r in rows
+    four = [r | {"machine": V3_STREAMS_PACKED.name, "cycles": r["cycles"] / 4} for r in rows
             if r["machine"] == V3.name]
-    eyes = {f"{summary.FOUR_ARRAYS}, {memory}": {"two_eyes_gain": gain, "second_eye_share": 0.5}
+    eyes = {f"{V3_EYES_LARGE.name}, {memory}": {"two_eyes_gain": gain, "second_eye_share": 0.5}
             for memory, gain in ((LPDDR3, 3.5), (IDEAL, 2.5))}
     over_gscore = [{"machine": "other", "gscore_like_gain": {}},
-                   {"machine": supertiles.STREAMS_PACKED.name, "gscore_like_gain": {LPDDR3: 3.7, IDEAL: 3.2}}]
+                   {"machine": V3_STREAMS_PACKED.name, "gscore_like_gain": {LPDDR3: 3.7, IDEAL: 3.2}}]
     alone, both = (summary.steps([*rows, *four], [], [], *given) for given in ((), (eyes, over_gscore)))
     assert (both["streams"]["gscore_like_gain"], both["streams"]["gscore_like_gain_ideal"]) == (3.7, 3.2)
     assert alone["streams"]["gscore_like_gain"] is None
@@ -201,3 +201,15 @@ def test_a_kept_report_is_summarised_anew(rows, tmp_path):
     assert found["steps"]["supertiles"]["overflow_share"] == 0.002
     with pytest.raises(InputError, match="--anew is not accepted"):
         study.main([EMBEDDED, "--anew", "--out", str(tmp_path)])
+
+
+def test_parts_that_are_not_asked_for_stay_as_they_were_kept(monkeypatch):
+    monkeypatch.setattr(frames, "chosen", lambda args: ([], []))
+    old = {"photographs": [photo("fern", 1, 0.006)], "ordered": ["a"], "order_frames": [],
+           "steps": {"supertiles": {"overflow": [over(0.002, 2.0)]}}}
+    parts = ["--orders", "0", "--turns", "0", "--photographs", "0"]
+    found = study.measure(study._arguments(parts), old)
+    assert (found["photographs"], found["ordered"]) == (old["photographs"], ["a"])
+    assert found["steps"]["supertiles"]["overflow"] == old["steps"]["supertiles"]["overflow"]
+    bare = study.measure(study._arguments(parts), {})
+    assert bare["photographs"] == bare["ordered"] == bare["steps"]["supertiles"]["overflow"] == []

@@ -1,0 +1,108 @@
+"""The warp unit of joint frames with a warped target, stepped cycle by cycle (rtl/supertiles/warp_strips.py): two warp units,
+one for even and one for odd rows of tiles.
+
+Each has a record of its own, of `strip_layout`, and sees a frame of its own rows of tiles alone. Their beats share a client of
+the memory, in turn where both have one, through a register.
+"""
+
+from __future__ import annotations
+
+from perf import blending, bus, supertiles_batch, warp
+from perf.bus import W_WARP
+from perf.kernel import phase, step
+from perf.layout import Layout
+from spec.constants import TILE
+from spec.memory import WORDS
+
+strip_layout = Layout(warp.layout)
+
+layout = Layout(supertiles_batch.layout)
+layout.words("warps strip_done strip_full strip_address strip_turn strip_tile strip_row again_lists again_open again_at "
+             "warp_base")
+
+
+@step
+def strips_finished(s, strips, t):
+    """Whether all that is warped is in memory, or nothing is."""
+    return s.warps == 0 or (
+        _written(strips[0]) and _written(strips[1]) and s.strip_full == 0 and bus.writes_idle(s, t, W_WARP))
+
+
+@step
+def _written(a):
+    """Whether a unit has given all of its beats; one without rows has none."""
+    return a.height == 0 or (a.warp_written and a.warp_write == 0)
+
+
+@step
+def _address(s, a, odd):
+    """The beat of a unit's next write in the whole frame."""
+    beat = a.warp_address[a.warp_q_out & 15]
+    strip = s.width * TILE // WORDS
+    return s.warp_base + beat + (beat // strip + odd) * strip
+
+
+@phase
+def step_strips(s, strips, t, granted, offered, fills_0, fills_1):
+    """Steps both units and what sends their beats. `offered`: a row of the source is offered. Returns whether it is taken."""
+    if granted:
+        bus.write(s, W_WARP, s.strip_address)
+        s.strip_full = 0
+    pick = -1
+    if s.strip_full == 0:
+        if strips[0].warp_write and (strips[1].warp_write == 0 or s.strip_turn == 0):
+            pick = 0
+        elif strips[1].warp_write:
+            pick = 1
+    if pick >= 0:
+        a = strips[pick]
+        s.strip_address, s.strip_full, s.strip_turn = _address(s, a, pick), 1, 1 - pick
+        a.warp_write = 0
+    odd = s.strip_tile // s.tiles_x & 1
+    even_taken = warp.step_warp(strips[0], t, False, offered and odd == 0, strips[0].warp_row, fills_0)
+    odd_taken = warp.step_warp(strips[1], t, False, offered and odd == 1, strips[1].warp_row, fills_1)
+    strips[0].warp_row += even_taken
+    strips[1].warp_row += odd_taken
+    return even_taken or odd_taken
+
+
+@step
+def step_rows(s, streams, strips, t, granted, sent, drawn, sizes, fills_0, fills_1, tile_times):
+    """Moves a row of pixels to the pixel writer and, if it is one of the source, to the warp unit. `granted`: a beat of the
+    pixel writer is, `sent`: one of the warp unit."""
+    count, cores_y = len(streams), streams[0].cores_y
+    if s.strip_done == 0 and s.tile_out < len(drawn):
+        s.strip_row, s.strip_tile = s.row_out, drawn[s.tile_out]
+    q = supertiles_batch.row_stream(s, s.strip_row, count, cores_y)
+    joined = s.row_x > s.array_x
+    offered = blending.rows_offered(streams[q], t) and (not joined or blending.rows_offered(streams[q + 1], t))
+    wanted = 3 if s.strip_tile < s.eye_tiles else 1
+    to_pixels, to_warp = offered and s.strip_done & 1 == 0, offered and wanted & ~s.strip_done & 2 != 0
+    taken = supertiles_batch.row_taken(s, t, granted, to_pixels, cores_y, drawn, sizes)
+    warped = step_strips(s, strips, t, sent, to_warp, fills_0, fills_1)
+    blending.count_rows(s, to_pixels, taken)
+    s.busy_warp += warped
+    s.blocked_warp += to_warp and not warped
+    if taken:
+        supertiles_batch.place_row(s, t, cores_y, drawn, tile_times)
+    if offered:
+        done = s.strip_done | taken | warped << 1
+        s.strip_done = done
+        if done == wanted:
+            s.strip_done = 0
+            blending.take_row(streams[q])
+            if joined:
+                blending.take_row(streams[q + 1])
+
+
+@step
+def holds_lists(s, strips, t):
+    """Whether the lists of the second sweep wait for the end of the first one, or for their turn: one comes every two
+    cycles."""
+    if s.swept < s.again_lists or s.tile_count == s.again_lists:
+        return False
+    if s.again_open:
+        return (t - s.again_at) & 1 != 0
+    if strips_finished(s, strips, t):
+        s.again_open, s.again_at = 1, t
+    return True
