@@ -136,7 +136,7 @@ def test_the_embedded_scene_in_both_eyes(tmp_path, size, options):
 @pytest.mark.data
 def test_a_captured_scene_in_both_eyes(data_dir, tmp_path):
     argv = [str(data_dir / "trained" / "truck.splat"), "--size", "256x144", "--gaze", "128,72", "--levels", "4",
-            "--levels-from", "random", "--stereo"]
+            "--levels-from", "random", "--stereo", "--config", "paper"]
     assert command.main([*argv, "--out", str(tmp_path)]) == 0
     report = json.loads((tmp_path / "frame.json").read_text())
     assert report["bit_exact"] and report["counter_errors"] == report["stream_errors"] == []
