@@ -50,6 +50,8 @@ class WholeTiming:
         modules, instances: modules that were mapped, and how many instances of them the machine has.
         cells: cells of the linked machine.
         overloads: nets that are loaded beyond their driver's limit, the worst first.
+        mapped_ps: the clock for which the modules were mapped; 0 where nothing is linked.
+        logic_um2: area of all cells.
     """
 
     config: str
@@ -60,6 +62,8 @@ class WholeTiming:
     instances: int
     cells: int
     overloads: tuple[Overload, ...] = ()
+    mapped_ps: float = 0.0
+    logic_um2: float = 0.0
 
 
 def time_config(
@@ -67,7 +71,8 @@ def time_config(
     runs: int = MOST_RUNS, corners: Sequence[str] = tuple(CORNERS), clock_ps: float = 1000.0, uncertainty: float = UNCERTAINTY,
     *, interfaces: bool = False,
 ) -> WholeTiming:
-    """Maps all modules of a machine as its area report does, links them, and times the whole at each corner.
+    """Maps all modules of a machine, links them, and times the whole at each corner. Modules are mapped for what the uncertainty
+    leaves of the clock, so that what fits into one by itself fits into the machine as well.
 
     `interfaces`: the modules' interfaces are measured as well.
 
@@ -76,7 +81,8 @@ def time_config(
     """
     check()
     wanted = [corner(name) for name in corners]
-    design, parts = mapped(config, Settings("asap7", clock_ps, folder, runs=runs), jobs, progress)
+    settings = Settings("asap7", clock_ps * (1 - uncertainty), folder, runs=runs)
+    design, parts = mapped(config, settings, jobs, progress)
     linked: dict[str, LinkedTiming] = {}
     for one in wanted:
         progress(f"{config.name}: linking and timing the machine, {one.name}")
@@ -88,7 +94,8 @@ def time_config(
     ports = _interfaces(design, interfaced(design), parts, folder / f"interfaces-{config.name}", progress) if interfaces else {}
     return WholeTiming(
         config.name, linked, ports, _sources(config), len(design.texts), counts.total(),
-        sum(counts[name] * sum(part["cells_by_type"].values()) for name, part in parts.items()), tuple(loaded))
+        sum(counts[name] * sum(part["cells_by_type"].values()) for name, part in parts.items()), tuple(loaded),
+        settings.clock_ps, sum(counts[name] * part["area"] for name, part in parts.items()))
 
 
 def time_ports(
@@ -101,7 +108,8 @@ def time_ports(
         InputError: OpenSTA, Yosys or liberty files are missing.
     """
     check()
-    settings, design = Settings("asap7", kept.clock_ps, folder, runs=runs), machine_design(config, folder)
+    settings = Settings("asap7", kept.clock_ps * (1 - kept.uncertainty), folder, runs=runs)
+    design = machine_design(config, folder)
     old = _changed(kept, design)
     progress(f"{config.name}: {len(old)} modules have changed")
     _, parts = mapped(config, settings, jobs, progress, {module for name in old for module in measured(design, name)})

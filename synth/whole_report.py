@@ -26,6 +26,7 @@ def of_corner(found: LinkedTiming) -> dict[str, object]:
 def summary(found: WholeTiming) -> dict[str, object]:
     """The numbers of a machine at all corners."""
     return {"modules": found.modules, "instances": found.instances, "cells": found.cells,
+            "mapped_ps": found.mapped_ps, "logic_um2": round(found.logic_um2, 1),
             "overloaded_nets": len(found.overloads), "overloads": [asdict(one) for one in found.overloads[:SHOWN_PAIRS]],
             **{name: of_corner(one) for name, one in found.linked.items()}}
 

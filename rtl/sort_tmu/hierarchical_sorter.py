@@ -14,6 +14,7 @@ from rtl.sort_tmu.merge_tree import MergeTree
 from rtl.sort_tmu.run_reader import RunReader
 from rtl.sort_tmu.run_writer import BeatPacker, RunWriter
 from rtl.sort_tmu.spill_dispatch import SpillDispatch, cut_layout
+from rtl.stream import Buffer
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, read_data, read_request, write_request
 from spec.queues import COUNTER_BITS, SORT_CUTS, SORT_MERGES, SORT_PARTS
@@ -97,9 +98,13 @@ class HierarchicalSorter(wiring.Component):
                 (sorter.sorted, dispatch.chunks), (dispatch.run_entries, chunk_packer.sink), (plan.runs, reader.runs),
                 (chunk_packer.source, writer.chunks), (merged_packer.source, writer.merged),
                 (reader.reads, wiring.flipped(self.reads)), (wiring.flipped(self.data), reader.data),
-                (writer.writes, wiring.flipped(self.writes)),
-                *((reader.sources[i], tree.sinks[i]) for i in range(config.merge_ways))):
+                (writer.writes, wiring.flipped(self.writes))):
             wiring.connect(m, source, sink)
+        for i, (run, sink) in enumerate(zip(reader.sources, tree.sinks, strict=True)):
+            # What the tree takes depends on all of its nodes, and the reader's next address on that.
+            m.submodules[f"head_{i}"] = head = Buffer(sink.payload.shape())
+            wiring.connect(m, run, head.sink)
+            wiring.connect(m, head.source, sink)
         m.d.comb += [
             writer.writes_idle.eq(self.writes_idle), chunk_packer.begin.eq(dispatch.run_begin),
             plan.written.eq(writer.merged_there), self.busy.eq(sorter.busy | dispatch.active),

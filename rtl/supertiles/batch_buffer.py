@@ -176,7 +176,9 @@ class BatchBuffer(wiring.Component):
         ]
         m.d.sync += full.eq(full & ~released | Cat(passes & ~half, passes & half))
         with m.If(taken):
-            m.d.sync += [count.eq(count + (~place.none if self.config.warps_joint else 1)), left.eq(left - place.last)]
+            m.d.sync += count.eq(count + (~place.none if self.config.warps_joint else 1))
+            with m.If(place.last):  # which comes late, so that it may not be a term of the sum
+                m.d.sync += left.eq(left - 1)
             with m.If(ends):
                 m.d.sync += [open_.eq(0), closed.eq(1), final.eq(last_pair)]
         with m.If(passes):

@@ -50,11 +50,12 @@ class DepthBuckets(wiring.Component):
         numbering, bank, made_for = Signal.like(maker.numbering), Signal(), Signal.like(self.supertile_count)
         keeps = (made_for == self.supertile_count) & ~self.forget
         m.d.comb += [
-            search.numbering.eq(numbering), search.row.eq(maker.row), search.bound.eq(maker.bound),
+            search.numbering.eq(numbering), search.row.eq(maker.row),
             maker.item.eq(self.sorted_item), maker.taken.eq(self.sorted_taken),
             maker.clear.eq(self.clear), maker.forget.eq(self.forget), maker.limit.eq(lists - self.supertile_count),
-            self.busy.eq(maker.busy),
+            self.busy.eq(maker.busy | search.bound.en),
         ]
+        m.d.sync += search.bound.eq(maker.bound)  # its address goes to one memory for each step of the search
         with m.If(self.clear):
             m.d.sync += [bank.eq(~bank), made_for.eq(self.supertile_count), numbering.eq(0)]
             m.d.sync += self.list_count.eq(Mux(keeps, lists - maker.left, self.supertile_count))

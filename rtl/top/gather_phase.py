@@ -15,7 +15,7 @@ from rtl.shapes import layout
 from rtl.sort_tmu.handover import handover
 from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
 from rtl.sort_tmu.tile_merge import TileMergeUnit
-from rtl.stream import Broadcast, Fork
+from rtl.stream import Broadcast, Buffer, Fork
 from rtl.supertiles.batch_buffer import BatchBuffer
 from rtl.supertiles.colour import PairColour
 from rtl.supertiles.list_replay import ListReplay
@@ -202,10 +202,13 @@ class GatherPhase(wiring.Component):
             entries, stops = array.entries, [batches.done.eq(array.done), batches.current.eq(array.current)]
         watched = [reader.data, sorter.groups, buffer.sink, fetch.sorted, colour.survivors, batches.places, entries,
                    writer.rows]
+        # The rows come out of a memory, and the writer rounds them: both do not fit into a cycle.
+        m.submodules.finished = finished = Buffer(array.pixels.payload.shape())
+        wiring.connect(m, array.pixels, finished.sink)
         if replay is None:
-            wiring.connect(m, array.pixels, writer.rows)
+            wiring.connect(m, finished.source, writer.rows)
         else:
-            watched.append(self._warp(m, array, writer, made, replay))
+            watched.append(self._warp(m, finished.source, writer, made, replay))
         for name, unit in (("entries", reader), ("spill", sorter)):
             wiring.connect(m, unit.reads, wiring.flipped(getattr(self, f"reads_{name}")))
             wiring.connect(m, wiring.flipped(getattr(self, f"data_{name}")), unit.data)
@@ -230,18 +233,17 @@ class GatherPhase(wiring.Component):
         return m
 
     def _warp(
-        self, m: Module, array: BatchArray | StreamArrays, writer: PixelWriter | FrameWriter, made: SuperTileReader,
-        replay: ListReplay,
+        self, m: Module, rows: stream.Interface, writer: PixelWriter | FrameWriter, made: SuperTileReader, replay: ListReplay,
     ) -> stream.Interface:
         """Adds the warp unit beside the pixel writer, and begins the second sweep; returns the stream of rows that is warped.
 
         A frame is done when all that is rendered and warped of it is in memory. The warp unit has taken all rows of the source
         when it has finished, so that no pair of the first sweep is on its way any more.
         """
-        m.submodules.broadcast = broadcast = Broadcast(array.pixels.payload.shape())
+        m.submodules.broadcast = broadcast = Broadcast(rows.payload.shape())
         m.submodules.warp = warp = WarpStrips(frame_rows(self.config))
         connect_settings(m, self, warp)
-        wiring.connect(m, array.pixels, broadcast.sink)
+        wiring.connect(m, rows, broadcast.sink)
         wiring.connect(m, broadcast.sources[0], writer.rows)
         wiring.connect(m, broadcast.sources[1], warp.rows)
         wiring.connect(m, warp.writes, wiring.flipped(self.writes_warp))
@@ -253,7 +255,7 @@ class GatherPhase(wiring.Component):
             m.d.sync += began.eq(0)
         m.d.comb += [
             warps.eq(self.settings.joint & self.settings.stereo), sweeps.eq(warps & self.settings.second_sweep),
-            broadcast.wanted.eq(Cat(1, warps & ~array.pixels.payload.eye)),
+            broadcast.wanted.eq(Cat(1, warps & ~rows.payload.eye)),
             warp.writes_idle.eq(self.idle_warp), warp.begin.eq(self.start & warps), warp.clear.eq(self.clear),
             warp.known.eq(self.known), self._rings_busy.eq(warp.busy & self.settings.stereo),
             total.eq(self.rendered_tiles + Mux(sweeps, warp.hole_tiles, 0)), writer.tile_count.eq(total),
@@ -336,10 +338,10 @@ class GatherPhase(wiring.Component):
         ops, skipped = Signal.like(self.ops), Signal.like(self.skipped)  # counts up to the previous frame
         with m.If(self.clear):
             m.d.sync += [groups.eq(0), ops.eq(array.ops), skipped.eq(array.skipped)]
+        m.d.sync += [self.ops.eq(array.ops - ops), self.skipped.eq(array.skipped - skipped)]
         m.d.comb += [
             counts.clear.eq(self.clear), counts.views.eq(places.payload.as_value()[: counts.views.shape().size]),
             counts.views_move.eq(places.valid & places.ready & (1 if replay is None else ~places.payload.none)),
             *(getattr(self, name).eq(getattr(counts, name)) for name in _SATURATED),
-            self.ops.eq(array.ops - ops), self.skipped.eq(array.skipped - skipped),
             self.spilled_entries.eq(sorter.spilled), self.header_hits.eq(fetch.hits), self.header_misses.eq(fetch.misses),
             self.batches.eq(batches.batches), self.visits.eq(batches.visits_count), self.pixels.eq(writer.pixels)]

@@ -13,7 +13,7 @@ from rtl.sort_tmu.handover import handover
 from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
 from rtl.sort_tmu.swap import GATES, SwapTogether
 from rtl.sort_tmu.tile_merge import TileMergeUnit
-from rtl.stream import Broadcast, Fork
+from rtl.stream import Broadcast, Buffer, Fork
 from rtl.tile_lists.header_maker import HeaderMaker
 from rtl.tile_lists.list_reader import ListReader
 from rtl.top.ports import connect_settings, phase_ports, watch
@@ -127,8 +127,11 @@ class RenderPhase(wiring.Component):
         wiring.connect(m, headers.levels, fetch.tiles)
         wiring.connect(m, headers.headers, array.tiles)
         wiring.connect(m, fetch.entries, array.entries)
+        # The rows come out of a memory, and the writer rounds them: both do not fit into a cycle.
+        m.submodules.finished = finished = Buffer(array.pixels.payload.shape())
+        wiring.connect(m, array.pixels, finished.sink)
         if not self.config.stereo:
-            wiring.connect(m, array.pixels, writer.rows)
+            wiring.connect(m, finished.source, writer.rows)
         for name, unit in (("tiles", headers), ("entries", reader), ("spill", sorter), ("views", fetch)):
             wiring.connect(m, unit.reads, wiring.flipped(getattr(self, f"reads_{name}")))
             wiring.connect(m, wiring.flipped(getattr(self, f"data_{name}")), unit.data)
@@ -141,7 +144,7 @@ class RenderPhase(wiring.Component):
         ]
         watched = [reader.data, sorter.groups, buffer.sink, fetch.sorted, array.entries, writer.rows]
         if self.config.stereo:
-            watched.append(self._second_eye(m, merge, headers, array, writer, opened))
+            watched.append(self._second_eye(m, merge, headers, finished.source, writer, opened))
         watch(m, self, watched)
         if self.config.counters:
             self._count(m, merge, sorter, fetch, array, writer)
@@ -162,17 +165,18 @@ class RenderPhase(wiring.Component):
             wiring.connect(m, source, sink)
 
     def _second_eye(
-        self, m: Module, merge: TileMergeUnit, headers: HeaderMaker, array: VrcArray, writer: PixelWriter, opened: Signal,
+        self, m: Module, merge: TileMergeUnit, headers: HeaderMaker, rows: stream.Interface, writer: PixelWriter,
+        opened: Signal,
     ) -> stream.Interface:
         """Adds the warp unit beside the pixel writer, and connects its mask; returns the stream of rows that it takes.
 
         A pass is done when all that is rendered of it is in memory and the headers of all other tiles have been passed over. In
         the source eye's pass what was warped must be in memory, too.
         """
-        m.submodules.broadcast = broadcast = Broadcast(array.pixels.payload.shape())
+        m.submodules.broadcast = broadcast = Broadcast(rows.payload.shape())
         m.submodules.warp = warp = WarpUnit(self.config)
         connect_settings(m, self, warp)
-        wiring.connect(m, array.pixels, broadcast.sink)
+        wiring.connect(m, rows, broadcast.sink)
         wiring.connect(m, broadcast.sources[0], writer.rows)
         wiring.connect(m, broadcast.sources[1], warp.rows)
         wiring.connect(m, warp.writes, wiring.flipped(self.writes_warp))
@@ -220,7 +224,7 @@ class RenderPhase(wiring.Component):
         ops, skipped = Signal.like(self.ops), Signal.like(self.skipped)  # counts up to the previous frame
         with m.If(self.clear):
             m.d.sync += [self.groups.eq(0), ops.eq(array.ops), skipped.eq(array.skipped)]
+        m.d.sync += [self.ops.eq(array.ops - ops), self.skipped.eq(array.skipped - skipped)]
         m.d.comb += [
-            self.ops.eq(array.ops - ops), self.skipped.eq(array.skipped - skipped),
             self.spilled_entries.eq(sorter.spilled), self.fetch_hits.eq(fetch.hits), self.fetch_misses.eq(fetch.misses),
             self.pixels.eq(writer.pixels)]

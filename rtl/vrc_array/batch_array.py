@@ -113,8 +113,9 @@ class BatchArray(wiring.Component):
         chain(m, expand, rows, collect)
         in_flight = self._take_visits(m, setup, state, rows)
         m.d.comb += self.busy.eq(in_flight.any() | collect.busy | state.pending.any())
+        issued = Signal()  # a cycle later: whether an op may be issued is known late
         m.d.sync += [
-            self.ops.eq(self.ops + sequencer.issued), self.skipped.eq(self.skipped + setup.skipped),
+            issued.eq(sequencer.issued), self.ops.eq(self.ops + issued), self.skipped.eq(self.skipped + setup.skipped),
             self.waits.eq(self.waits + sequencer.waits)]
         return m
 
