@@ -43,7 +43,7 @@ UNIT_GROUPS = {
     "render.sorter.reader": SORTING, "render.sorter.tree": SORTING, "render.handover": SORTING,
     "render.fetch": LISTS, "render.array": ARRAY, "render.array.setup": ARRAY, "render.array.sequencer": ARRAY,
     "render.array.expand": ARRAY, "render.array.collect": BLENDING, "render.writer": LISTS,
-    "render.broadcast": WARP, "render.warp": WARP,
+    "render.finished": LISTS, "render.broadcast": WARP, "render.warp": WARP,
     "render.supertiles": LISTS, "render.supertile_fork": LISTS, "render.queue": LISTS, "render.lists": LISTS,
     "render.colour": COLOUR, "render.saturations": CONTROL, "render.batches": BLENDING, "render.array.state": BLENDING,
 }

@@ -180,11 +180,15 @@ class PixelWriter(wiring.Component):
                 m.d.sync += tiles.eq(tiles + 1)
         if self.config.counters:
             words, written = sum(inside), Signal(range(WORDS + 1))
+            pixels = Signal(len(tiles) + 2 * (TILE - 1).bit_length())  # no frame has more, and all bits would not fit a cycle
+            m.d.comb += self.pixels.eq(pixels)
             m.d.sync += [
                 written.eq(Mux(self.writes.valid & self.writes.ready, Mux(self.display, words, words // PIXEL_WORDS), 0)),
-                self.pixels.eq(self.pixels + written)]
+                pixels.eq(pixels + written)]
+            with m.If(self.begin):
+                m.d.sync += pixels.eq(0)
         with m.If(self.begin):
-            m.d.sync += [row.eq(0), tiles.eq(0), self.pixels.eq(0)]
+            m.d.sync += [row.eq(0), tiles.eq(0)]
         m.d.comb += [
             self.busy.eq(busy),
             self.finished.eq((tiles == count) & ~busy & self.writes_idle),
