@@ -30,7 +30,7 @@ config = $(call option,CONFIG,config) $(foreach value,$(SET),--set "$(value)")
 help: ## this list
 	@$(PYTHON) msv2/cli/make_help.py
 
-setup: ## virtual environment in .venv; EXTRAS=none|models,plots,train,synth,dev,viewer,cluster,judge,metrics,cuda,docs WARM=1 compiles the kernels
+setup: ## virtual environment in .venv; EXTRAS=none|models,plots,train,synth,place,fpga,dev,viewer,cluster,judge,metrics,cuda,docs WARM=1 compiles the kernels
 	@$(PYTHON) msv2/cli/setup_environment.py $(call option,EXTRAS,extras) $(call switch,WARM,warm)
 
 base:

@@ -218,6 +218,8 @@ STUDIES = (
           (Report("--keep", ("untrained_levels.json",), 5, SCENES),)),
     Study("v3", "msv2.studies.v3.study", "what the steps from `paper` to `v3` give: bytes, cycles, energy, photographs",
           (Report("--keep", _files("v3", "json", "md"), 15, f"{SCENES}, {TORCH}, runs in build/train"),)),
+    Study("wires", "msv2.studies.wires.study", "units placed with coloquinte: what their wires cost in delay and energy",
+          (Report("--keep", _files("wires", "json", "md"), 12, f"coloquinte, OpenSTA, {PDK}"),)),
     Study("write_combining", "msv2.studies.write_combining.study", "writes of intersections that waiting beats would save",
           (Report("--keep", _files("write_combining", "json", "md"), 2, SCENES),)),
 )
