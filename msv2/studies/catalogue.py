@@ -155,6 +155,8 @@ STUDIES = (
     Study("machine_timing", "msv2.studies.machine_timing.study",
           "`paper` and `v3` timed as one at two corners: late paths by the units that they cross",
           (Report("--keep", (*_files("machine_timing", "json", "md"), "machine_budget.json"), 150, f"OpenSTA, {PDK}"),)),
+    Study("memory_sizes", "msv2.studies.memory_sizes.study", "area of machines if small memories cost more a bit",
+          (Report("--keep", _files("memory_sizes", "json", "md"), 0.2, PDK),)),
     Study("metric_scale", "msv2.studies.metric_scale.study", "units per metre of a scene, from a metric depth map"),
     Study("model", "msv2.studies.model.study", "the cycle model against the RTL",
           (Report("--keep", _files("model", "json", "md"), 5, SCENES),
