@@ -125,6 +125,8 @@ STUDIES = (
           kept_by=BY_OUT),
     Study("energy", "msv2.studies.energy.study", "energy of frames, by unit",
           (Report("--keep", _files("energy", "json", "md", "png"), 2, SCENES),)),
+    Study("energy_anchors", "msv2.studies.energy_anchors.study", "the energy of the same units at 16 nm by two libraries",
+          (Report("--keep", _files("energy_anchors", "json", "md"), 8, PDK),)),
     Study("energy_per_operation", "msv2.studies.energy_per_operation.study",
           "energies of operations, measured on mapped netlists at work",
           (Report("--keep", ("energy_per_operation.json",), 120, f"{SCENES}, {PDK}"),)),
