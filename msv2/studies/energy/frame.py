@@ -6,8 +6,8 @@ memory takes for its commands, its bits and its standby.
 
 A unit's energy has three parts: dynamic (its operations), clock (every cycle of the frame, whether the unit works or not,
 because no whole unit is clock-gated) and leakage. Its memories are counted apart, by access. The energies of wires and of the
-clock tree, which no netlist shows, are those of a few placed units, assumed for all (`msv2.studies.energy.estimates`). They have
-rows of their own and are part of no sum but the total.
+clock tree, which no netlist shows, are those of a few placed units, assumed for all (`msv2.studies.energy.estimates`). They
+have rows of their own and are part of no sum but the total.
 """
 
 from __future__ import annotations

@@ -30,21 +30,22 @@ _SHOWN = 9
 
 
 def as_markdown(content: dict[str, object], energies: Table) -> str:
-    """The page. Every number on it comes from `content` or `energies`."""
+    """The page. Every number on it comes from `content`, `energies` or the kept estimates."""
+    known = estimates()
     lines = [
         "# Energy of a frame", "",
         f"Commit {content['commit']}; operations measured at {content['measured_at']} ({energies.node}), {energies.scaling}. "
         "What the columns are: [docs/energy.md](../docs/energy.md).", "",
-        table(("frame", "memory", "work by", "machine", "points", "entries", "ops", "cycles", "chip, mJ", "chip by Nangate45, mJ",
-               "DRAM, mJ", "assumed, mJ", "all, mJ", "all, from to", "chip, mW", "frames/s"), map(_summary, content["frames"]),
-              left=4), "", _BOUND, "", _anchors(), "",
+        table(("frame", "memory", "work by", "machine", "points", "entries", "ops", "cycles", "chip, mJ",
+               "chip by Nangate45, mJ", "DRAM, mJ", "assumed, mJ", "all, mJ", "all, from to", "chip, mW", "frames/s"),
+              map(_summary, content["frames"]), left=4), "", _BOUND, "", _anchors(), "",
         "## DRAM by what it does", "",
         table(("frame", "memory", "work by", *(f"{name}, mJ" for name in GROUPS), "all, mJ", "pJ a bit"),
               map(_dram, content["frames"]), left=3)]
     lines += ["", "## Assumed and published", "",
-              "Assumed: wires and clock tree of the whole machine are as those of five placed units "
-              "([wires.md](wires.md)): wires are {:.2f} of the load that pins are, a clock tree takes {:.2f} of what its pins and "
-              "the cells behind them take.".format(estimates().wires.value, estimates().clock_tree.value), "",
+              "Assumed: wires and clock tree of the whole machine are as those of five placed units ([wires.md](wires.md)): wires "
+              f"are {known.wires.value:.2f} of the load that pins are, a clock tree takes {known.clock_tree.value:.2f} of what its "
+              "pins and the cells behind them take.", "",
               "Published, not like for like:", "",
               table(("design", "node", "frame", "mJ", "from", "differs"),
                     [(o["design"], o["node"], o["frame"], f"{o['mj_per_frame']:.2f}", o["source"], o["differs"])
@@ -89,9 +90,9 @@ def _anchors() -> str:
     return (
         "**Two anchors.** Operations are measured in ASAP7 and scaled to 16 nm from 7 nm. Scaled from 45 nm, Nangate45 says "
         f"{anchor.value:.2f} of that for the same units ({anchor.low:.2f} to {anchor.high:.2f}; "
-        "[energy_anchors.md](energy_anchors.md)), which the column *chip by Nangate45* takes for all logic; memories and leakage "
-        "stay. Which of the two a chip at 16 nm would have is not known. *From to* has both, with the smallest and largest shares "
-        "of wires and clock tree of a placed unit. DRAM's currents are those of data sheets and have no range.")
+        "[energy_anchors.md](energy_anchors.md)), which the column *chip by Nangate45* takes for all logic; memories and "
+        "leakage stay. Which of the two a chip at 16 nm would have is not known. *From to* has both, with the smallest and "
+        "largest shares of wires and clock tree of a placed unit. DRAM's currents are those of data sheets and have no range.")
 
 
 def _summary(frame: dict[str, object]) -> tuple[str, ...]:
