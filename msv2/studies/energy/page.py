@@ -44,8 +44,8 @@ def as_markdown(content: dict[str, object], energies: Table) -> str:
               map(_dram, content["frames"]), left=3)]
     lines += ["", "## Assumed and published", "",
               "Assumed: wires and clock tree of the whole machine are as those of five placed units ([wires.md](wires.md)): "
-              f"wires are {known.wires.value:.2f} of the load that pins are, a clock tree takes {known.clock_tree.value:.2f} of "
-              "what its pins and the cells behind them take.", "",
+              f"wires are {known.wires.value:.2f} of the load that pins are, a clock tree takes {known.clock_tree.value:.2f} "
+              "of what its pins and the cells behind them take.", "",
               "Published, not like for like:", "",
               table(("design", "node", "frame", "mJ", "from", "differs"),
                     [(o["design"], o["node"], o["frame"], f"{o['mj_per_frame']:.2f}", o["source"], o["differs"])
