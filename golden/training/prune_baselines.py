@@ -12,7 +12,7 @@ from golden.training.pruning import PruneOptions, PruneStage
 if TYPE_CHECKING:
     from golden.training.scene import TrainingScene
 
-BASELINES = ("count", "importance", "random")
+BASELINES = ("count", "importance", "speedy", "pup", "random")
 """Those of efficiency.CRITERIA that do not consider what a point costs."""
 
 
