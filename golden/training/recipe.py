@@ -29,7 +29,7 @@ from spec.errors import InputError
 
 VARIANTS = tuple(QUALITY_LOSS)
 FOVEATED_BASELINES = ("smfr", "mmfr")
-PRUNING_BASELINES = ("count", "importance", "speedy", "pup")
+PRUNING_BASELINES = ("count", "importance", "speedy", "pup", "compact")
 ONE_SHOT = "lightgs"
 BASELINES = (*FOVEATED_BASELINES, *PRUNING_BASELINES, ONE_SHOT)
 

@@ -172,7 +172,7 @@ def inria_folder_of_two(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(("argv", "message"), [
     (["--variant", "X"], "variant 'X' is not accepted: choose one of H, M, L"),
     (["--baseline", "best"], "baseline 'best' is not accepted: choose one of smfr, mmfr, count, importance, speedy, "
-     "pup, lightgs"),
+     "pup, compact, lightgs"),
     (["--size", "64"], "size '64'"), (["--size", "16x16"], "size 16x16"), (["--iterations", "0"], "iterations 0"),
     (["--iterations", "19"], "iterations 19 is not accepted: 20 or more is"), (["--max-points", "3"], "max-points 3"),
     (["--gate", "ssim"], "gate 'ssim' is not accepted: choose one of psnr, both"),
@@ -214,7 +214,8 @@ def test_recipes(tmp_path):
 
     ours = ["dense", "prune", "finetune", "level2", "level3", "level4"]
     assert names(default) == ours
-    assert all(names(replace(default, baseline=name)) == ours[:3] for name in ("count", "importance", "speedy", "pup"))
+    assert all(names(replace(default, baseline=name)) == ours[:3] for name in (
+        "count", "importance", "speedy", "pup", "compact"))
     assert names(replace(default, baseline="lightgs")) == ours[:2]
     assert names(replace(default, baseline="smfr")) == [*ours, "smfr"]
     assert names(replace(default, baseline="mmfr")) == [*ours, "separate2", "separate3", "separate4"]
