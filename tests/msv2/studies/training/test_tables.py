@@ -32,6 +32,7 @@ from msv2.studies.training.frame_work import FrameWork  # noqa: E402
 from msv2.studies.training.level_curves import LevelCurve, level_curves  # noqa: E402
 from msv2.studies.training.rtl_cycles import RtlCycles  # noqa: E402
 from msv2.studies.training.tables_text import markdown  # noqa: E402
+from msv2.studies.training.tables_text import pruning_table as pruning_text  # noqa: E402
 from msv2.studies.training.targets_text import targets_rows  # noqa: E402
 from spec.errors import InputError  # noqa: E402
 from tests.helpers.training_samples import small_dense, small_scene  # noqa: E402
@@ -245,6 +246,9 @@ def test_page_plot_and_json_hold_every_scene(tmp_path, scene, dense):
                  "| embedded, 64x64 | L1 of H: intersections cut >= 3 times |"):
         assert text in page, text
     kept = json.loads((tmp_path / "training.json").read_text())["scenes"]
+    assert page.count("| squares/frame | fewer squares, times | squares / exact |") == 2
+    older = [{name: value for name, value in row.items() if "squares" not in name} for row in kept[0]["pruning"]]
+    assert "squares/frame" not in pruning_text(older)  # as reports before there were such columns
     for head in ("| points a pixel | PSNR of dense, gate views | gate to test |", "| HVSQ 1e-5 of L1 to L4, blocks | box |"):
         assert page.count(head) == (4 if "gate views" in head else 2), head
     assert [each["scene"] for each in kept] == ["embedded", "other"]
@@ -300,6 +304,7 @@ def test_verdicts_follow_the_numbers(scene, dense):
     assert told["L1 of H: intersections cut >= 3 times"] == "missed"
     assert [verdict for what, verdict in told.items() if "equal PSNR than by" in what] == [
         "reached", "missed", "reached", "reached", "reached"]
+    assert rows[1]["cut_squares"] == 1.0 and rows[3]["cut_squares"] > 1.0 and rows[0]["squares"] > rows[0]["frame"]["entries"]
     assert rows[1]["cut"] == 1.0 and rows[3]["cut"] > 1.0 and rows[4]["points_percent"] == pytest.approx(200 / 3)
 
 
