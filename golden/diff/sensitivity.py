@@ -60,12 +60,12 @@ def sensitivity(
         own.log_scales.requires_grad_()
     with torch.enable_grad():
         splats = project(own, camera, support_sigma)
-        sums = torch.from_numpy(squares(_blended(splats, camera, alpha_max, background), fisher))
+        sums = torch.from_numpy(squares(blended(splats, camera, alpha_max, background), fisher))
         products = _world(own, splats, sums).to(device) if fisher else None
     return Sensitivity(splats.index.to(device), sums[:, 0].to(device), products)
 
 
-def _blended(splats: Projection, camera: Camera, alpha_max: float, background: Sequence[float]) -> Blending:
+def blended(splats: Projection, camera: Camera, alpha_max: float, background: Sequence[float]) -> Blending:
     """The forward pass of the whole frame."""
     fields = (splats.mean2d, splats.factor, splats.opacity, splats.colour, splats.depth)
     arrays = tuple(np.ascontiguousarray(tensor.detach().numpy()) for tensor in fields)
