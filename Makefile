@@ -30,7 +30,7 @@ config = $(call option,CONFIG,config) $(foreach value,$(SET),--set "$(value)")
 help: ## this list
 	@$(PYTHON) msv2/cli/make_help.py
 
-setup: ## virtual environment in .venv; EXTRAS=none|models,plots,train,synth,dev,viewer,cluster,judge,metrics,cuda,docs WARM=1 compiles the kernels
+setup: ## virtual environment in .venv; EXTRAS=none|models,plots,train,synth,place,fpga,dev,viewer,cluster,judge,metrics,cuda,docs WARM=1 compiles the kernels
 	@$(PYTHON) msv2/cli/setup_environment.py $(call option,EXTRAS,extras) $(call switch,WARM,warm)
 
 base:
@@ -107,7 +107,7 @@ report: setup ## area, energy and performance as one page: build/report/report.{
 sweep: setup ## cycles, area and energy over many settings; SWEEP=FILE.toml JOBS=N SCHEDULER=ADDRESS OUT=
 	@$(MSV2) sweep $(if $(SWEEP),"$(SWEEP)") $(call option,JOBS,jobs) $(call option,SCHEDULER,scheduler) $(call option,OUT,out)
 
-train: setup ## foveated training; SCENE= VARIANT=H|M|L FROM=dense.ply BASELINE=smfr|mmfr|count|importance|lightgs SIZE= ITERATIONS= SEED= DEVICE= RESUME=1 OUT=
+train: setup ## foveated training; SCENE= VARIANT=H|M|L FROM=dense.ply BASELINE=smfr|mmfr|count|importance|speedy|pup|compact|lightgs SIZE= ITERATIONS= SEED= DEVICE= RESUME=1 OUT=
 	@$(MSV2) train $(if $(SCENE),"$(SCENE)") $(call option,VARIANT,variant) $(call option,FROM,from) \
 		$(call option,BASELINE,baseline) $(call option,SIZE,size) $(call option,ITERATIONS,iterations) $(call option,SEED,seed) \
 		$(call option,DEVICE,device) $(call switch,RESUME,resume) $(call option,OUT,out)

@@ -32,9 +32,12 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add = parser.add_argument
     add("--variant", default="H", metavar="H|M|L", help="quality L1 may lose: 1, 2 or 3 %% of the dense model's (default: H)")
     add("--from", dest="source", metavar="DENSE.PLY", help="start from this trained model instead of dense training")
-    add("--baseline", metavar="smfr|mmfr|count|importance|lightgs",
-        help="levels as random subsets (smfr) or separate models (mmfr); or one level, pruned by opacity or by importance, or "
-             "at once and distilled as LightGaussian does (lightgs)")
+    add("--baseline", metavar="smfr|mmfr|count|importance|speedy|pup|compact|lightgs",
+        help="levels as random subsets (smfr) or separate models (mmfr); or one level, pruned in the same loop by opacity "
+             "(count), by LightGaussian's importance, by the scores of Speedy-Splat (speedy) or PUP 3D-GS (pup), or by learned "
+             "masks as in Compact3DGS (compact); or pruned at once and distilled as LightGaussian does (lightgs)")
+    add("--dense", default="adc", metavar="adc|minisplatting", help="dense training: 3DGS's density control, or with "
+        "blur split and depth reinitialisation as in Mini-Splatting-D (default: adc)")
     add("--no-opacity-enhancement", dest="enhancement", action="store_false", help="keep opacities below 1, as in the v1 model")
     add("--size", metavar="WxH", help="size to train at (default: the photographs'; 256x256 for the embedded scene)")
     add("--iterations", type=int, metavar="N", help="for the whole chain, including dense training (default: the scene's)")

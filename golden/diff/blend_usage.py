@@ -64,10 +64,26 @@ def usage(
         alpha_max: upper bound of alpha.
         size: width and height in pixels.
     """
+    weight_of_pair, strongest = _measured(lists, used, table, alpha_max, size)
+    weight, dominated = np.empty(len(table), F), np.zeros(len(table), np.int32)
+    _sum_usage(lists.order, lists.room, weight_of_pair, strongest.ravel(), weight, dominated)
+    return dominated, weight
+
+
+def strongest_of_tiles(
+    lists: TileLists, used: np.ndarray, table: np.ndarray, alpha_max: np.float32, size: tuple[int, int]
+) -> np.ndarray:
+    """(T, TILE, TILE) int32: the row of the splat with the largest T alpha in each pixel of each tile, -1 where there is none.
+    The arguments are those of `usage`."""
+    return _measured(lists, used, table, alpha_max, size)[1]
+
+
+def _measured(
+    lists: TileLists, used: np.ndarray, table: np.ndarray, alpha_max: np.float32, size: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """The weight of each intersection, and the strongest splats of each tile's pixels."""
     weight_of_pair = np.empty(len(lists.splat), F)
     strongest = np.full((len(used), TILE, TILE), -1, np.int32)
     run_slices(_usage, len(used), lists.start, lists.splat, lists.pair, table, alpha_max, -(-size[0] // TILE), used, *size,
                weight_of_pair, strongest)
-    weight, dominated = np.empty(len(table), F), np.zeros(len(table), np.int32)
-    _sum_usage(lists.order, lists.room, weight_of_pair, strongest.ravel(), weight, dominated)
-    return dominated, weight
+    return weight_of_pair, strongest

@@ -26,6 +26,7 @@ from golden.scenes.files import atomic_output
 from golden.training.checkpoint import Checkpoint, Checkpoints, check_options
 from golden.training.failure import TrainingError, room_needed
 from golden.training.progress import Progress
+from golden.training.remaining import Remaining
 from golden.training.stage import Stage
 from spec.errors import InputError
 
@@ -103,6 +104,7 @@ class Chain:
         self.spent: dict[str, dict[str, float]] = {}
         self.iteration = self.index = 0
         self._state: dict[str, Any] | None = None
+        self._remaining: Remaining
         totals = tuple((stage.name, stage.total) for stage in self.plan)
         if resume:
             self._resume(totals)
@@ -116,6 +118,7 @@ class Chain:
             Interrupted: after SIGINT, once the current iteration is finished and checkpointed.
             TrainingError: a loss or parameter is not finite, or the disk is full; the last checkpoint is intact.
         """
+        self._remaining = Remaining([(stage.name, stage.total) for stage in self.plan], self.spent)
         with _interrupts() as interrupted, self._logging() as log:
             for index in range(self.index, len(self.plan)):
                 self.index = index
@@ -176,6 +179,7 @@ class Chain:
         position = f"{self.index + 1}/{len(self.plan)} {planned.name}"
         with Progress(position, stage.total, stage.done) as progress:
             saved = resumed = time.monotonic()
+            last = None
             before = spent["seconds"]
             while not stage.finished:
                 record = stage.step()
@@ -186,7 +190,10 @@ class Chain:
                 self._check(stage, record)
                 seconds = sum(each["seconds"] for each in self.spent.values())
                 log({"iteration": self.iteration, "stage": planned.name, **_plain(record), "seconds": round(seconds, 3)})
-                progress.update(stage.done, record)
+                if last is not None:  # the first iteration prepares: it compiles kernels, or measures what came in
+                    self._remaining.took(planned.name, now - last)
+                last = now
+                progress.update(stage.done, record, self._remaining.seconds(planned.name, stage.done))
                 if interrupted():
                     self._save(stage)
                     raise Interrupted(f"interrupted at iteration {self.iteration}, in {planned.name}")

@@ -14,6 +14,7 @@ from golden.scenes.model import SH_REST_COUNT
 from golden.training.densify import MIN_OPACITY, PERCENT_DENSE, ScreenGradients, densify
 from golden.training.initial import initial_gaussians
 from golden.training.losses import photometric
+from golden.training.minisplatting import LargestAreas, reinitialised
 from golden.training.optimiser import Optimiser, dense_rates
 from golden.training.representable import Bounds
 from golden.training.scene import MIN_EDGE, TrainingScene
@@ -46,6 +47,9 @@ class DenseOptions:
             and for the means.
         cooling: share of the run, at its end, over which the rates of all fields but the means fall.
         cooled: factor on these rates at the end; 3DGS keeps them constant.
+        blurred: share of a frame's pixels beyond which a Gaussian that is the strongest there is split when points are added;
+            None: only gradients decide.
+        reinitialised: shares of the run at which all Gaussians are replaced by new ones at what pixels show.
     """
 
     iterations: int = 7000
@@ -62,6 +66,8 @@ class DenseOptions:
     means_gain: float = 2.0
     cooling: float = 0.5
     cooled: float = 0.1
+    blurred: float | None = None
+    reinitialised: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if self.iterations < 1:
@@ -73,6 +79,10 @@ class DenseOptions:
             raise ValueError(f"opacity_decay must lie above 0 and up to 1, not {self.opacity_decay!r}")
         if not (0 <= self.cooling <= 1 and 0 < self.cooled <= 1):
             raise ValueError(f"cooling must lie in 0..1 and cooled above 0 and up to 1, not {self.cooling!r}, {self.cooled!r}")
+        if self.blurred is not None and not 0 < self.blurred < 1:
+            raise ValueError(f"blurred must be None or lie in 0..1, not {self.blurred!r}")
+        if not all(0 < share < 1 for share in self.reinitialised):
+            raise ValueError(f"reinitialised must lie in 0..1, not {self.reinitialised!r}")
 
     def rates(self, progress: float, extent: float) -> dict[str, float]:
         """Learning rates of all fields at `progress` in 0..1 of the run, for a scene of the given extent."""
@@ -109,7 +119,7 @@ class DenseStage(Stage):
         first = initial_gaussians(scene, seed, max_points=options.max_points, sh_degree=0)
         self._first_points = len(first)
         self._optimiser = Optimiser(first.to(device), options.rates(0.0, scene.extent))
-        self._gradients = ScreenGradients(len(first), device)
+        self._gradients, self._areas = ScreenGradients(len(first), device), LargestAreas(len(first), device)
         self._bounds = Bounds(scene)
         self._targets: PerView[_Target] | None = None
         self._targets_of: TrainingScene | None = None
@@ -127,16 +137,20 @@ class DenseStage(Stage):
         scene = self._coarse if progress < self.options.coarse_until else self._fine
         view = view_at(scene.train, self.seed, self.name, self.done)
         target = self._target(scene, view)
-        rendering = render(self.gaussians, scene.cameras[view])
+        blurred = self.options.blurred is not None and progress <= self.options.densify_until
+        rendering = render(self.gaussians, scene.cameras[view], usage=blurred)
         image = scene.unmasked(view, rendering.image)
         loss = photometric(image, target.ssim, target.image)
         value, record = float(loss.detach()), {}
         if math.isfinite(value):
             loss.backward()
             self._gradients.observe(rendering.index, rendering.mean2d.grad, scene.size)
+            if blurred:
+                self._areas.observe(rendering)
             self._optimiser.step()
             self.done += 1
             self._control_density()
+            self._reinitialise()
             if self.done % self.options.densify_every == 0 or self.finished:
                 record["narrowed"] = self._bounds.apply(self.gaussians)
         error = float((image.detach().clamp(0, 1) - target.image).square().mean()) / scene.shown_share(view)
@@ -150,13 +164,16 @@ class DenseStage(Stage):
 
     def state(self) -> dict[str, object]:
         """See `Stage`."""
-        return {"done": self.done, "optimiser": self._optimiser.state(), "gradients": self._gradients.state()}
+        return {"done": self.done, "optimiser": self._optimiser.state(), "gradients": self._gradients.state(),
+                "areas": self._areas.share.clone()}
 
     def load(self, state: dict[str, object]) -> None:
         """See `Stage`."""
         self.done = state["done"]
         self._optimiser.load(state["optimiser"])
         self._gradients.load(state["gradients"])
+        if "areas" in state:  # checkpoints of 0.4 have none
+            self._areas.share = state["areas"].to(self.gaussians.device).clone()
 
     def _widen(self, progress: float) -> None:
         """Adds coefficients for the SH degree that is due. Coefficients of higher degrees do not exist before, which saves
@@ -173,15 +190,31 @@ class DenseStage(Stage):
             return
         share = (progress - options.densify_from) / max(options.densify_until - options.densify_from, 1e-9)
         opaque = torch.sigmoid(self.gaussians.opacity.detach()) >= MIN_OPACITY
-        gradient = self._gradients.mean[opaque]
+        gradient, area = self._gradients.mean[opaque], self._areas.share[opaque]
         self._optimiser.select(opaque)
         goal = self._first_points + share * (options.max_points - self._first_points)
         densify(self._optimiser, gradient, threshold=options.threshold, budget=round(goal) - len(self.gaussians),
-                small=PERCENT_DENSE * self._fine.extent, random=generator(self.seed, f"{self.name} splits", self.done))
+                small=PERCENT_DENSE * self._fine.extent, random=generator(self.seed, f"{self.name} splits", self.done),
+                blurred=None if options.blurred is None else torch.where(area > options.blurred, area, 0.0))
         if options.opacity_decay < 1:
             opacity = options.opacity_decay * torch.sigmoid(self.gaussians.opacity.detach())
             self.gaussians.opacity.data.copy_(torch.logit(opacity))
-        self._gradients = ScreenGradients(len(self.gaussians), self.gaussians.device)
+        self._forget()
+
+    def _forget(self) -> None:
+        """Starts new sums, because rows have changed."""
+        points, device = len(self.gaussians), self.gaussians.device
+        self._gradients, self._areas = ScreenGradients(points, device), LargestAreas(points, device)
+
+    def _reinitialise(self) -> None:
+        """When it is time, replaces all Gaussians by as many at the points that pixels show."""
+        if self.done not in [round(share * self.total) for share in self.options.reinitialised]:
+            return
+        harmonics, progress = self.gaussians.sh_rest.shape[1], self.done / self.total
+        made = reinitialised(self.gaussians, self._fine, len(self.gaussians), self.seed, self.done)
+        self._optimiser = Optimiser(made.to(self.gaussians.device), self.options.rates(progress, self._fine.extent))
+        self._optimiser.widen(harmonics)
+        self._forget()
 
     def _target(self, scene: TrainingScene, view: int) -> _Target:
         if self._targets_of is not scene:

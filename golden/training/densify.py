@@ -58,8 +58,8 @@ class ScreenGradients:
 
 
 def densify(optimiser: Optimiser, gradient: torch.Tensor, *, threshold: float, budget: int, small: float,
-            random: np.random.Generator) -> int:
-    """Clones and splits the Gaussians with the largest gradients.
+            random: np.random.Generator, blurred: torch.Tensor | None = None) -> int:
+    """Clones and splits the Gaussians with the largest gradients, and splits those that blur a picture.
 
     A small one gets a copy of itself. A large one is replaced by two of 1/1.6 of its size, whose means are drawn from its own
     distribution.
@@ -71,14 +71,21 @@ def densify(optimiser: Optimiser, gradient: torch.Tensor, *, threshold: float, b
         budget: number of Gaussians that may be added.
         small: largest standard deviation, in world units, that counts as small.
         random: draws the means of split Gaussians.
+        blurred: (N,) above 0 for Gaussians to split whatever their gradient and size, the largest first; they get up to half of
+            the budget (Mini-Splatting has none).
 
     Returns:
         The number of Gaussians added.
     """
-    rows = torch.argsort(gradient, descending=True, stable=True)[: max(budget, 0)]
-    rows = rows[gradient[rows] > threshold].sort().values
+    budget, wide = max(budget, 0), torch.zeros_like(gradient, dtype=torch.bool)
+    if blurred is not None:
+        first = torch.argsort(blurred, descending=True, stable=True)[: budget // 2]
+        wide[first[blurred[first] > 0]] = True
+    others = torch.where(wide, -1.0, gradient)
+    rows = torch.argsort(others, descending=True, stable=True)[: budget - int(wide.sum())]
+    rows = torch.cat([rows[others[rows] > threshold], torch.nonzero(wide).squeeze(1)]).sort().values
     g = optimiser.gaussians.select(rows)
-    large = g.log_scales.max(dim=1).values.exp() > small
+    large = (g.log_scales.max(dim=1).values.exp() > small) | wide[rows]
     clones, parents = g.select(~large), g.select(large)
     kept = torch.ones(len(optimiser.gaussians), dtype=torch.bool, device=g.device)
     kept[rows[large]] = False

@@ -1,7 +1,8 @@
 """Scores by which pruning ranks Gaussians: computational efficiency (paper section 3.2), and the field's earlier criteria.
 
-With every criterion, the Gaussians with the lowest score are pruned first. Criteria that are measured on views keep each view's
-score. So some of the views can be measured again after each part of a prune, while the others' last scores stand.
+With every criterion, the Gaussians with the lowest score are pruned first. Criteria that are measured on views keep the score
+of each view or of each part of the views. So some of the views can be measured again after each part of a prune, while the
+others' last scores stand.
 """
 
 from __future__ import annotations
@@ -14,12 +15,16 @@ import torch
 
 from golden.diff.gaussians import Gaussians
 from golden.diff.render import Rendering, render
+from golden.diff.sensitivity import PLACED, sensitivity
 from golden.scenes.camera import Camera
 from golden.training.views import generator
 from spec.constants import ALPHA_MAX_L1
 
-CRITERIA = ("ce", "importance", "count", "random")
-"""The criteria: Val / Comp; LightGaussian's significance; opacity; a random number."""
+SENSITIVITIES = ("speedy", "pup")
+"""Criteria that ask how much the images depend on a Gaussian: those of Speedy-Splat and of PUP 3D-GS."""
+
+CRITERIA = ("ce", "importance", "count", *SENSITIVITIES, "random")
+"""The criteria: Val / Comp; LightGaussian's significance; opacity; sensitivities; a random number."""
 
 VOLUME_POWER = 0.1
 """Exponent of a Gaussian's volume in `importance`, with the value that LightGaussian's public code uses."""
@@ -71,6 +76,33 @@ def importance(contributions: torch.Tensor, log_scales: torch.Tensor) -> torch.T
     return contributions * torch.exp(VOLUME_POWER * log_scales.sum(dim=1))
 
 
+UPPER = torch.triu_indices(PLACED, PLACED)
+"""Rows and columns of the numbers that are kept of a symmetric matrix of PUP's."""
+
+
+def speedy(values: torch.Tensor) -> torch.Tensor:
+    """(N,) Speedy-Splat's score: the log of the sum of (dI / dg)^2 over the pixels, channels and views, g being a Gaussian's
+    projected value (Hanson et al. 2024, "Speedy-Splat", section 4). The log of 0 is -inf: what no view sees goes first.
+
+    Args:
+        values: (N,) or (N, 1) sums over all views.
+    """
+    return torch.log(values.reshape(len(values)))
+
+
+def pup(products: torch.Tensor) -> torch.Tensor:
+    """(N,) PUP's score: log |det F| of a Gaussian's 6x6 matrix F, the sum of the outer products of dI / d(mean, log scales)
+    over the pixels, channels and views (Hanson et al. 2024, "PUP 3D-GS", section 4). In the log scales as there, not in the
+    scales, which would rank otherwise. -inf where F is singular.
+
+    Args:
+        products: (N, 21) upper triangles of the sums over all views, float64.
+    """
+    matrix = products.new_zeros(len(products), PLACED, PLACED)
+    matrix[:, UPPER[0], UPPER[1]] = matrix[:, UPPER[1], UPPER[0]] = products
+    return torch.linalg.slogdet(matrix).logabsdet
+
+
 def widened(camera: Camera, margin: float) -> Camera:
     """The camera with its frame widened by a share of its size on every side, so that points just outside the frame are
     scored too."""
@@ -116,6 +148,8 @@ class Scores:
         if self.criterion == "random":
             drawn = generator(self._seed, "prune", turn).random(len(gaussians), dtype=np.float32)
             return torch.from_numpy(drawn).to(gaussians.device)
+        if self.criterion in SENSITIVITIES:
+            return self._sensitivities(gaussians, turn)
         if self._rows is None:
             self._rows = torch.zeros((len(self._cameras), len(gaussians)), device=gaussians.device)
             part = range(len(self._cameras))
@@ -128,6 +162,22 @@ class Scores:
         if self.criterion == "ce":
             return self._rows.amax(dim=0)
         return importance(self._rows.sum(dim=0), gaussians.log_scales.detach())
+
+    def _sensitivities(self, gaussians: Gaussians, turn: int) -> torch.Tensor:
+        """The scores of SENSITIVITIES. A row holds the sums over a part of the views: 21 numbers of PUP's for each view
+        would take too much memory."""
+        matrices = self.criterion == "pup"
+        parts = [turn % self.share]
+        if self._rows is None:
+            shape = self.share, len(gaussians), UPPER.shape[1] if matrices else 1
+            self._rows, parts = torch.zeros(shape, dtype=torch.float64, device=gaussians.device), range(self.share)
+        for part in parts:
+            self._rows[part] = 0
+            for view in range(part, len(self._cameras), self.share):
+                found = sensitivity(gaussians, self._cameras[view], alpha_max=self._alpha_max, fisher=matrices)
+                numbers = found.fisher[:, UPPER[0], UPPER[1]] if matrices else found.value[:, None]
+                self._rows[part].index_add_(0, found.index, numbers)
+        return (pup if matrices else speedy)(self._rows.sum(dim=0))
 
     def select(self, keep: torch.Tensor) -> None:
         """Removes the scores of pruned Gaussians; `keep` is (N,) bool or rows."""

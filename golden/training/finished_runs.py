@@ -54,7 +54,8 @@ def find_run(folder: Path, wanted: Mapping[str, Any]) -> FinishedRun | None:
     """The newest finished run in a folder of runs that has the options in `wanted`; options with the value None are not
     compared.
 
-    Runs of baselines, without opacity enhancement, or with a gate, pooling or number of views of their own are not considered.
+    Runs of baselines, without opacity enhancement, or with a gate, pooling, number of views or dense training of their own are
+    not considered.
     """
     reports = sorted(folder.glob("*/report.json"), key=lambda path: path.stat().st_mtime, reverse=True)
     for path in reports:
@@ -65,7 +66,7 @@ def find_run(folder: Path, wanted: Mapping[str, Any]) -> FinishedRun | None:
         fits = all(options.get(name) == value for name, value in wanted.items() if value is not None)
         own = (options.get("baseline") is None and options.get("opacity-enhancement") is True
                and options.get("pooling-width") == FULL_WIDTH and options.get("pooling") == "blocks"
-               and options.get("gate") == "psnr" and options.get("views") is None)
+               and options.get("gate") == "psnr" and options.get("views") is None and options.get("dense") is None)
         if fits and own and (path.parent / "model.ply").exists():
             return FinishedRun(path.parent, options)
     return None

@@ -10,6 +10,8 @@ from typing import Any, TextIO
 
 from tqdm import tqdm
 
+from spec.progress import as_time
+
 MEMORY = 0.95
 """Weight of the previous moving PSNR when a new measurement comes."""
 
@@ -18,7 +20,7 @@ LINES = 10
 
 
 class Progress:
-    """The display of a running stage: iterations, time left, loss, moving PSNR, points.
+    """The display of a running stage: iterations, time left of the stage and of the whole chain, loss, moving PSNR, points.
 
     Args:
         title: text before the bar.
@@ -42,8 +44,9 @@ class Progress:
         if self.bar is not None:
             self.bar.close()
 
-    def update(self, done: int, record: Mapping[str, Any]) -> None:
-        """Shows that `done` iterations have been taken, the last of which logged `record`."""
+    def update(self, done: int, record: Mapping[str, Any], whole: float | None = None) -> None:
+        """Shows that `done` iterations have been taken, the last of which logged `record`, and that the whole chain will take
+        another `whole` seconds, if that is known."""
         psnr = float(record.get("psnr", math.nan))
         if math.isfinite(psnr):
             self.psnr = MEMORY * self.psnr + (1 - MEMORY) * psnr if math.isfinite(self.psnr) else psnr
@@ -53,10 +56,12 @@ class Progress:
         if "points" in record:
             numbers["points"] = f"{int(record['points']):,}"
         if self.bar is not None:
+            numbers |= {} if whole is None else {"all stages": f"{as_time(whole)} left"}
             self.bar.set_postfix(numbers, refresh=False)
             self.bar.update(done - self.bar.n)
         elif done * LINES // max(self.total, 1) > self.shown or done >= self.total:
             self.shown = done * LINES // max(self.total, 1)
             left = (time.monotonic() - self.begin) / max(done - self.first, 1) * max(self.total - done, 0)
-            print(f"{self.title}: {done}/{self.total}, " + "".join(f"{name} {text}, " for name, text in numbers.items())
-                  + f"{left:.0f} s left", file=self.stream, flush=True)
+            told = "".join(f"{name} {text}, " for name, text in numbers.items()) + f"{as_time(left)} left"
+            told += "" if whole is None else f", {as_time(whole)} of all stages"
+            print(f"{self.title}: {done}/{self.total}, {told}", file=self.stream, flush=True)

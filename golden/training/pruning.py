@@ -161,7 +161,7 @@ class PruneStage(Stage):
         self._validation = gate_views(scene, self.options)
         self._bounds, dense = Bounds(scene), dense.detached()
         self._bounds.apply(dense)
-        self._training = Retraining(scene, dense, seed, name, rates)
+        self._training = self._retraining(dense, seed, rates)
         self._scores = None
         if self.options.criterion is not None:
             cameras = [widened(scene.cameras[view], self.options.margin) for view in scene.train]
@@ -218,6 +218,24 @@ class PruneStage(Stage):
         self._passed = copy.deepcopy(state["passed"])
         self._restore(state["current"])
 
+    def _retraining(self, dense: Gaussians, seed: int, rates: Mapping[str, float] | None) -> Retraining:
+        """What trains the Gaussians between checks."""
+        return Retraining(self._scene, dense, seed, self.name, rates)
+
+    @property
+    def _removes(self) -> bool:
+        """Whether points are removed at all."""
+        return self._scores is not None
+
+    def _next_gamma(self, passed: bool) -> float:
+        """Gamma after a check."""
+        limit = GAMMA_LIMIT * self._training.balance if self.options.gamma_first is None else math.inf
+        return next_gamma(self.gamma, passed, self._first, limit)
+
+    def _ask_less(self) -> None:
+        """After a prune was undone: what the next one asks for is less."""
+        self._fraction /= 2
+
     def _snapshot(self) -> dict[str, object]:
         return {"training": self._training.state(), "scores": None if self._scores is None else self._scores.state()}
 
@@ -241,15 +259,14 @@ class PruneStage(Stage):
             return check
         options = self.options
         if options.scale_decay:
-            limit = GAMMA_LIMIT * self._training.balance if options.gamma_first is None else math.inf
-            self.gamma = next_gamma(self.gamma, check.passed, self._first, limit)
+            self.gamma = self._next_gamma(check.passed)
         pruned = self._go_on() if check.passed else self._wait()
         self._look = self.done + (options.interval if pruned else options.recovery or RECOVERY * options.interval)
         return check
 
     def _go_on(self) -> bool:
         """After a pass, prunes the model; the share grows again if the last prune was easy."""
-        if self._scores is None:
+        if not self._removes:
             return True
         if self._failures == 0:
             self._fraction = min(2 * self._fraction, self.options.fraction)
@@ -264,7 +281,8 @@ class PruneStage(Stage):
         if self._passed is None or not self._hopeless():
             return False
         self._restore(self._passed)
-        self._fraction, self._failures = self._fraction / 2, 0
+        self._failures = 0
+        self._ask_less()
         self._prune()
         return True
 
@@ -291,4 +309,5 @@ class PruneStage(Stage):
 
     def _keep(self, keep: torch.Tensor) -> None:
         self._training.select(keep)
-        self._scores.select(keep)
+        if self._scores is not None:
+            self._scores.select(keep)

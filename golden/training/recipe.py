@@ -19,6 +19,7 @@ from golden.training.finetune import FineTuneStage
 from golden.training.foveated import FoveatedModel, Version
 from golden.training.level_quality import Levels
 from golden.training.levels import LevelOptions, LevelStage
+from golden.training.minisplatting import BLURRED, REINITIALISED
 from golden.training.one_shot import OneShotOptions, OneShotStage
 from golden.training.prune_baselines import baseline_stage
 from golden.training.pruning import QUALITY_LOSS, PruneOptions, PruneStage
@@ -29,7 +30,7 @@ from spec.errors import InputError
 
 VARIANTS = tuple(QUALITY_LOSS)
 FOVEATED_BASELINES = ("smfr", "mmfr")
-PRUNING_BASELINES = ("count", "importance")
+PRUNING_BASELINES = ("count", "importance", "speedy", "pup", "compact")
 ONE_SHOT = "lightgs"
 BASELINES = (*FOVEATED_BASELINES, *PRUNING_BASELINES, ONE_SHOT)
 
@@ -41,6 +42,9 @@ SHARES = {"dense": 0.45, "prune": 0.40, "finetune": 0.03, "level2": 0.04, "level
 
 SEPARATE_SHARE = 0.05
 """The share of each level of MMFR; these iterations are added to the chain's."""
+
+DENSE = {"adc": {}, "minisplatting": {"blurred": BLURRED, "reinitialised": REINITIALISED}}
+"""Ways of dense training, as changes of `DenseOptions`: adaptive density control of 3DGS, or that of Mini-Splatting-D."""
 
 MIN_ITERATIONS = 20
 """Smallest number of iterations of a chain, with which every stage has at least one."""
@@ -86,6 +90,7 @@ class Recipe:
         pooling_width: HVSQ pools as in a frame of this width in pixels, see `LevelPooling`.
         gate: what the gate of L1 reads: psnr, or both PSNR and SSIM.
         windows: HVSQ's pooling windows: blocks or box.
+        dense: one of DENSE.
     """
 
     variant: str
@@ -97,11 +102,12 @@ class Recipe:
     pooling_width: int = FULL_WIDTH
     gate: str = "psnr"
     windows: str = "blocks"
+    dense: str = "adc"
 
     def __post_init__(self) -> None:
         for name, value, accepted in (
             ("variant", self.variant, VARIANTS), ("baseline", self.baseline, (None, *BASELINES)), ("gate", self.gate, GATES),
-            ("pooling", self.windows, POOLINGS)):
+            ("pooling", self.windows, POOLINGS), ("dense", self.dense, tuple(DENSE))):
             if value not in accepted:
                 raise InputError(f"{name} {value!r} is not accepted: choose one of {', '.join(filter(None, accepted))}")
         for name, least in (("iterations", MIN_ITERATIONS), ("max_points", 4), ("seed", 0)):
@@ -200,7 +206,7 @@ class _Makers:
 
     def dense(self, results: dict[str, Any]) -> Stage:
         recipe = self.recipe
-        options = DenseOptions(iterations=recipe.budget("dense"), max_points=recipe.max_points)
+        options = DenseOptions(iterations=recipe.budget("dense"), max_points=recipe.max_points, **DENSE[recipe.dense])
         return DenseStage(self.scene, options, self.seed, self.device)
 
     def prune(self, results: dict[str, Any]) -> Stage:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import torch
 
 from golden.diff.gaussians import Gaussians
-from golden.diff.render import render
+from golden.diff.render import Rendering, render
 from golden.metrics.ssim import Ssim
 from golden.training.average import Average
 from golden.training.losses import photometric
@@ -135,14 +135,22 @@ class Retraining:
         return float(loss.detach())
 
     def _rendered(self, view: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """The photometric loss of a view and WS."""
-        rendering = render(self.gaussians, self._scene.cameras[view], alpha_max=ALPHA_MAX_L1)
+        """The photometric loss of a view, and the loss that gamma weighs."""
+        rendering = render(self._shown(), self._scene.cameras[view], alpha_max=ALPHA_MAX_L1)
         image, photograph = self._scene.unmasked(view, rendering.image), self._scene.photograph(view).to(self.gaussians.device)
         loss = photometric(image, self._ssim(view), photograph)
-        decay = weighted_scale(self.gaussians.log_scales, rendering.index, rendering.tiles)
+        decay = self._decay(rendering)
         self._sums[0] += float(loss.detach())
         self._sums[1] += float(decay.detach())
         return loss, decay
+
+    def _shown(self) -> Gaussians:
+        """What is rendered while training."""
+        return self.gaussians
+
+    def _decay(self, rendering: Rendering) -> torch.Tensor:
+        """The loss that gamma weighs: WS."""
+        return weighted_scale(self.gaussians.log_scales, rendering.index, rendering.tiles)
 
     def state(self) -> dict[str, object]:
         """Everything that `load` needs."""

@@ -114,6 +114,9 @@ def chosen_recipe(args: argparse.Namespace) -> Recipe:
     """
     if args.source is not None and args.max_points is not None:
         raise InputError("max-points is not accepted together with --from: there is no dense training to cap")
+    dense = getattr(args, "dense", "adc")  # a study's command line has no such option
+    if args.source is not None and dense != "adc":
+        raise InputError(f"dense {dense!r} is not accepted together with --from: there is no dense training")
     embedded = str(args.scene) == EMBEDDED
     default = EMBEDDED_DEFAULTS if embedded else DEFAULTS
     if args.full:
@@ -123,12 +126,13 @@ def chosen_recipe(args: argparse.Namespace) -> Recipe:
         for name, value in (("iterations", args.iterations), ("max_points", args.max_points)))
     pooling_width = FULL_WIDTH if args.pooling_width is None else args.pooling_width
     return Recipe(args.variant, args.baseline, args.enhancement, iterations, points, args.seed, pooling_width, args.gate,
-                  args.pooling)
+                  args.pooling, dense)
 
 
 def run_name(scene: str, recipe: Recipe) -> str:
     """The scene's name with what differs from the default, so that runs of different kinds do not overwrite each other."""
     kinds = [recipe.variant if recipe.variant != "H" else None, recipe.baseline, None if recipe.enhancement else "v1",
+             recipe.dense if recipe.dense != "adc" else None,
              f"pooled{recipe.pooling_width}" if recipe.pooling_width != FULL_WIDTH else None,
              recipe.windows if recipe.windows != "blocks" else None, "ssim" if recipe.gate == "both" else None]
     return "-".join([scene, *filter(None, kinds)])
@@ -166,6 +170,7 @@ def run_options(args: argparse.Namespace, recipe: Recipe, scene: TrainingScene, 
         "baseline": recipe.baseline, "opacity-enhancement": recipe.enhancement, "size": f"{scene.size[0]}x{scene.size[1]}",
         "iterations": recipe.iterations, "max-points": None if args.source else recipe.max_points, "seed": recipe.seed,
         "gate": recipe.gate, "pooling": recipe.windows, "pooling-width": recipe.pooling_width, "device": device,
+        **({"dense": recipe.dense} if recipe.dense != "adc" else {}),
         **({"views": len(scene)} if getattr(args, "views", None) else {})}  # a study's command line has no views
 
 
@@ -188,6 +193,8 @@ def resume_command(args: argparse.Namespace, out: Path) -> str:
         ("device", args.device, "auto"),
     ):
         given += [f"--{name}", str(value)] if value != default else []
+    dense = getattr(args, "dense", "adc")
+    given += ["--dense", dense] if dense != "adc" else []
     given += ["--full"] if args.full else []
     given += [] if args.enhancement else ["--no-opacity-enhancement"]
     given += ["--no-outside"] if getattr(args, "no_outside", False) else []

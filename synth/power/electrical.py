@@ -128,11 +128,12 @@ def _of_cells(kinds: np.ndarray, cells: list[Cell], what: str, slew: float, load
         if here.any():
             (output,) = cell.outputs.values()
             table = output.energy["CLK"] if what == "energy" else getattr(output.arcs["CLK"], what)
-            found[here] = [_lookup(table, slew, load) for load in loads[here]]
+            found[here] = [lookup(table, slew, load) for load in loads[here]]
     return found
 
 
-def _lookup(table: Table, slew: float, load: float) -> float:
+def lookup(table: Table, slew: float, load: float) -> float:
+    """The value of a table at an input slew in ps and a load in fF, interpolated."""
     column = [np.interp(load, table.loads, row) for row in table.values]
     return float(np.interp(slew, table.slews, column))
 

@@ -171,10 +171,13 @@ def inria_folder_of_two(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize(("argv", "message"), [
     (["--variant", "X"], "variant 'X' is not accepted: choose one of H, M, L"),
-    (["--baseline", "best"], "baseline 'best' is not accepted: choose one of smfr, mmfr, count, importance, lightgs"),
+    (["--baseline", "best"], "baseline 'best' is not accepted: choose one of smfr, mmfr, count, importance, speedy, "
+     "pup, compact, lightgs"),
     (["--size", "64"], "size '64'"), (["--size", "16x16"], "size 16x16"), (["--iterations", "0"], "iterations 0"),
     (["--iterations", "19"], "iterations 19 is not accepted: 20 or more is"), (["--max-points", "3"], "max-points 3"),
     (["--gate", "ssim"], "gate 'ssim' is not accepted: choose one of psnr, both"),
+    (["--dense", "sparse"], "dense 'sparse' is not accepted: choose one of adc, minisplatting"),
+    (["--from", "missing.ply", "--dense", "minisplatting"], "dense 'minisplatting' is not accepted together with --from"),
     (["--pooling", "disc"], "pooling 'disc' is not accepted: choose one of blocks, box"),
     (["--pooling-width", "0"], "pooling-width 0 is not accepted"),
     (["--seed", "-1"], "seed -1"), (["--device", "tpu"], "device 'tpu' is not accepted: auto, cpu, cuda are"),
@@ -213,7 +216,8 @@ def test_recipes(tmp_path):
 
     ours = ["dense", "prune", "finetune", "level2", "level3", "level4"]
     assert names(default) == ours
-    assert names(replace(default, baseline="count")) == names(replace(default, baseline="importance")) == ours[:3]
+    assert all(names(replace(default, baseline=name)) == ours[:3] for name in (
+        "count", "importance", "speedy", "pup", "compact"))
     assert names(replace(default, baseline="lightgs")) == ours[:2]
     assert names(replace(default, baseline="smfr")) == [*ours, "smfr"]
     assert names(replace(default, baseline="mmfr")) == [*ours, "separate2", "separate3", "separate4"]
@@ -222,6 +226,10 @@ def test_recipes(tmp_path):
     assert [run_module.run_name("fern", r) for r in (
         default, replace(default, variant="M"), replace(default, baseline="smfr", enhancement=False))] == [
         "fern", "fern-M", "fern-smfr-v1"]
+    mini = replace(default, dense="minisplatting")
+    assert run_module.run_name("fern", mini) == "fern-minisplatting" and names(mini) == ours
+    dense = plan(mini, scene, "cpu")[0].make({}).options
+    assert dense == replace(plan(default, scene, "cpu")[0].make({}).options, blurred=2e-4, reinitialised=(1 / 6, 1 / 3))
     other = replace(default, pooling_width=400, windows="box", gate="both")
     assert default.pooling == LevelPooling(1237, "blocks") and other.pooling == LevelPooling(400, "box")
     assert run_module.run_name("fern", other) == "fern-pooled400-box-ssim"

@@ -6,7 +6,8 @@ memory takes for its commands, its bits and its standby.
 
 A unit's energy has three parts: dynamic (its operations), clock (every cycle of the frame, whether the unit works or not,
 because no whole unit is clock-gated) and leakage. Its memories are counted apart, by access. The energies of wires and of the
-clock tree, which no netlist shows, are assumptions. They have rows of their own and are part of no sum but the total.
+clock tree, which no netlist shows, are those of a few placed units, assumed for all (`msv2.studies.energy.estimates`). They
+have rows of their own and are part of no sum but the total.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING
 
 from msv2.studies.energy.dram import GROUPS, LPDDR3, Dram
+from msv2.studies.energy.estimates import Share, estimates
 from msv2.studies.energy.memories import configured
 from msv2.studies.energy.sources import SRAM_LEAKAGE_SHARE, SRAM_NODE, SRAM_SCALING, SRAM_SOURCE, sram_access_pj
 from msv2.studies.energy.table import Table, Unit, load_table
@@ -40,12 +42,6 @@ DRAM_COMMANDS = ("activates", "refreshes")
 
 DRAM_UNIT = "dram: "
 """What the units of DRAM's rows begin with; one of `msv2.studies.energy.dram.GROUPS` follows."""
-
-WIRE_SHARE = 0.5
-"""Assumption: the load of wires relative to that of the pins at their ends."""
-
-CLOCK_TREE_SHARE = 0.5
-"""Assumption: the energy of the tree in front of the clock pins relative to that of the pins and the cells behind them."""
 
 PJ_TO_MJ = 1e-9
 NOT_SCALED = "none: not of the chip's node"
@@ -154,6 +150,23 @@ class EnergyReport:
         """The energy of all rows."""
         return self.sum_mj()
 
+    @property
+    def other_chip_mj(self) -> float:
+        """The energy of the chip if its logic at 16 nm is what Nangate45 says instead of ASAP7; memories and leakage stay."""
+        return self.sum_mj("sram", "leakage") + estimates().anchor.value * self.sum_mj("dynamic", "clock")
+
+    @property
+    def range_mj(self) -> tuple[float, float]:
+        """The least and the most that all rows may be by what is known of units: the library that says less with the smallest
+        shares of wires and clock tree, the one that says more with the largest. DRAM has no range: its currents are those of
+        data sheets."""
+        known, ends = estimates(), []
+        for anchor, end in ((min(1.0, known.anchor.low), "low"), (max(1.0, known.anchor.high), "high")):
+            grown = sum(row.value_mj * getattr(share, end) / share.value for row in self.rows for name, share in (
+                ("assumed: wires", known.wires), ("assumed: clock tree", known.clock_tree)) if row.unit == name)
+            ends.append(self.sum_mj("dram", "sram", "leakage") + anchor * (self.sum_mj("dynamic", "clock") + grown))
+        return ends[0], ends[1]
+
     def by_dram(self) -> dict[str, float]:
         """The energy of DRAM in mJ by what it is for; 0 where it is not counted."""
         found = dict.fromkeys(GROUPS, 0.0)
@@ -174,7 +187,8 @@ class EnergyReport:
         entries = max(self.counts.entries, 1)
         return {
             "total_mj": self.total_mj, "chip_mj": self.chip_mj, "dram_mj": self.sum_mj("dram"),
-            "assumed_mj": self.sum_mj("assumed"), "cycles": self.cycles, "clock_hz": self.clock_hz,
+            "assumed_mj": self.sum_mj("assumed"), "other_chip_mj": self.other_chip_mj, "range_mj": list(self.range_mj),
+            "cycles": self.cycles, "clock_hz": self.clock_hz,
             "milliseconds": 1e3 * self.cycles / self.clock_hz, "frames_per_s": self.clock_hz / max(self.cycles, 1),
             "chip_mw": self.chip_mj * self.clock_hz / max(self.cycles, 1),
             "by_part_mj": {part: self.sum_mj(part) for part in PARTS}, "by_unit_mj": self.by_unit(),
@@ -236,13 +250,16 @@ def frame_energy(
     switching = table.to_16nm * sum(
         _work(unit, config, table) * unit.switching_pj * counts.of(unit.operation) for unit in table.units)
     clock = sum(row.value_mj for row in rows if row.part == "clock")
-    rows.append(EnergyRow(
-        "assumed: wires", "assumed", WIRE_SHARE * switching * PJ_TO_MJ, switching, "pJ of nets", WIRE_SHARE, "16 nm",
-        "assumption: no placement is made; wires are half as large a load as the pins", table.scaling))
-    rows.append(EnergyRow(
-        "assumed: clock tree", "assumed", CLOCK_TREE_SHARE * clock, clock / PJ_TO_MJ, "pJ of clock pins", CLOCK_TREE_SHARE,
-        "16 nm", "assumption: no tree is made; it takes half of what the clock pins take", table.scaling))
+    known = estimates()
+    rows.append(_assumed("wires", known.wires, switching, "pJ of nets", "that of the pins at their ends", table.scaling))
+    rows.append(_assumed("clock tree", known.clock_tree, clock / PJ_TO_MJ, "pJ of clock pins",
+                         "what the clock pins and the cells behind them take", table.scaling))
     return EnergyReport(tuple(rows), cycles, clock_hz, counts)
+
+
+def _assumed(what: str, share: Share, pj: float, operation: str, of: str, scaling: str) -> EnergyRow:
+    return EnergyRow(f"assumed: {what}", "assumed", share.value * pj * PJ_TO_MJ, pj, operation, share.value, "16 nm",
+                     f"{share.value:.2f} of {of}, {share.low:.2f} to {share.high:.2f} by unit: reports/wires.json", scaling)
 
 
 def _unit_rows(

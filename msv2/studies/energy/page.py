@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from msv2.studies.energy.dram import GROUPS
-from msv2.studies.energy.frame import CHIP, CLOCK_TREE_SHARE, DRAM_UNIT, WIRE_SHARE
+from msv2.studies.energy.estimates import estimates
+from msv2.studies.energy.frame import CHIP, DRAM_UNIT
 from msv2.studies.energy.supertiles import super_table
 from msv2.studies.energy.table import Table
 from msv2.studies.memory import MEMORY_NAMES
@@ -29,19 +30,22 @@ _SHOWN = 9
 
 
 def as_markdown(content: dict[str, object], energies: Table) -> str:
-    """The page. Every number on it comes from `content` or `energies`."""
+    """The page. Every number on it comes from `content`, `energies` or the kept estimates."""
+    known = estimates()
     lines = [
         "# Energy of a frame", "",
         f"Commit {content['commit']}; operations measured at {content['measured_at']} ({energies.node}), {energies.scaling}. "
         "What the columns are: [docs/energy.md](../docs/energy.md).", "",
-        table(("frame", "memory", "work by", "machine", "points", "entries", "ops", "cycles", "chip, mJ", "DRAM, mJ",
-               "assumed, mJ", "all, mJ", "chip, mW", "frames/s"), map(_summary, content["frames"]), left=4), "", _BOUND, "",
+        table(("frame", "memory", "work by", "machine", "points", "entries", "ops", "cycles", "chip, mJ",
+               "chip by Nangate45, mJ", "DRAM, mJ", "assumed, mJ", "all, mJ", "all, from to", "chip, mW", "frames/s"),
+              map(_summary, content["frames"]), left=4), "", _BOUND, "", _anchors(), "",
         "## DRAM by what it does", "",
         table(("frame", "memory", "work by", *(f"{name}, mJ" for name in GROUPS), "all, mJ", "pJ a bit"),
               map(_dram, content["frames"]), left=3)]
     lines += ["", "## Assumed and published", "",
-              f"Assumed: wires are {WIRE_SHARE:g} of the load that pins are, a clock tree takes {CLOCK_TREE_SHARE:g} of what "
-              "its pins take; no placement is made.", "",
+              "Assumed: wires and clock tree of the whole machine are as those of five placed units ([wires.md](wires.md)): "
+              f"wires are {known.wires.value:.2f} of the load that pins are, a clock tree takes {known.clock_tree.value:.2f} "
+              "of what its pins and the cells behind them take.", "",
               "Published, not like for like:", "",
               table(("design", "node", "frame", "mJ", "from", "differs"),
                     [(o["design"], o["node"], o["frame"], f"{o['mj_per_frame']:.2f}", o["source"], o["differs"])
@@ -80,12 +84,23 @@ def _dram(frame: dict[str, object]) -> tuple[str, ...]:
             f"{frame['dram_mj']:.3f}", f"{1e9 * frame['dram_mj'] / max(bits, 1):.1f}")
 
 
+def _anchors() -> str:
+    """What the second library says."""
+    anchor = estimates().anchor
+    return (
+        "**Two anchors.** Operations are measured in ASAP7 and scaled to 16 nm from 7 nm. Scaled from 45 nm, Nangate45 says "
+        f"{anchor.value:.2f} of that for the same units ({anchor.low:.2f} to {anchor.high:.2f}; "
+        "[energy_anchors.md](energy_anchors.md)), which the column *chip by Nangate45* takes for all logic; memories and "
+        "leakage stay. Which of the two a chip at 16 nm would have is not known. *From to* has both, with the smallest and "
+        "largest shares of wires and clock tree of a placed unit. DRAM's currents are those of data sheets and have no range.")
+
+
 def _summary(frame: dict[str, object]) -> tuple[str, ...]:
     counts = frame["counts"]
     return (_name(frame), MEMORY_NAMES[frame["memory"]], frame["work"], frame["config"],
             *(f"{counts[key]:,}" for key in ("points", "entries", "ops")), f"{frame['cycles']:,}",
-            *(f"{frame[key]:.3f}" for key in ("chip_mj", "dram_mj", "assumed_mj", "total_mj")),
-            f"{frame['chip_mw']:.0f}", f"{frame['frames_per_s']:.0f}")
+            *(f"{frame[key]:.3f}" for key in ("chip_mj", "other_chip_mj", "dram_mj", "assumed_mj", "total_mj")),
+            "{:.3f} to {:.3f}".format(*frame["range_mj"]), f"{frame['chip_mw']:.0f}", f"{frame['frames_per_s']:.0f}")
 
 
 def _name(frame: dict[str, object]) -> str:

@@ -117,7 +117,16 @@ def _frame(
     scene: str, size: list[int], record: dict[str, object], source: str, memory: str, config: str, report: EnergyReport,
 ) -> dict[str, object]:
     return {"scene": Path(scene).stem, "size": size, "gaze": record.get("gaze"), "levels": record.get("levels"),
-            "config": config, "work": source, "memory": memory, **report.as_json()}
+            "config": config, "work": source, "memory": memory, **_rounded(report.as_json())}
+
+
+def _rounded(value: object) -> object:
+    """JSON with every float at six significant digits: more says nothing, and takes half of the file."""
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_rounded(item) for item in value]
+    return float(f"{value:.6g}") if isinstance(value, float) else value
 
 
 def requests(args: argparse.Namespace) -> Iterator[argparse.Namespace]:

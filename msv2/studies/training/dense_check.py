@@ -13,6 +13,8 @@ import numpy as np
 from golden.scenes.request import make_folder, parse_size
 from golden.training.dense import DenseOptions, DenseStage
 from golden.training.evaluate import evaluate
+from golden.training.minisplatting import BLURRED, REINITIALISED
+from golden.training.recipe import DENSE
 from golden.training.scene import load_training_scene
 from msv2.studies.page import table, write_page
 from msv2.studies.record import write_report
@@ -20,9 +22,10 @@ from spec.command_line import command_parser
 from spec.errors import run_command_line
 from spec.paths import REPORTS
 
-VARIANTS: dict[str, dict[str, float]] = {
+VARIANTS: dict[str, dict[str, Any]] = {
     "defaults": {}, "3DGS's rates": {"gain": 1.0, "means_gain": 1.0, "cooled": 1.0},
-    "no fading": {"opacity_decay": 1.0}}
+    "no fading": {"opacity_decay": 1.0}, "Mini-Splatting-D": DENSE["minisplatting"],
+    "blur split alone": {"blurred": BLURRED}, "depth reinitialisation alone": {"reinitialised": REINITIALISED}}
 """The differences of each variant from the defaults of `DenseOptions`."""
 
 

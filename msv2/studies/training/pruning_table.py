@@ -6,10 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from golden.diff.gaussians import Gaussians
+import numpy as np
+
+from golden.diff.gaussians import Gaussians, to_model
 from golden.training.evaluate import evaluate
 from golden.training.pruning import gate_views
-from msv2.studies.training.frame_work import FrameWork, whole_frame_work
+from msv2.studies.training.frame_work import UP, FrameWork, whole_frame_work
+from msv2.studies.training.square_lists import square_intersections
 from msv2.studies.training.table_runs import Trained, prune_stages, tuned_stage
 
 if TYPE_CHECKING:
@@ -60,6 +63,7 @@ class Pruned:
         points: the number of Gaussians.
         psnr, ssim: on the test views.
         frame: the mean frame of the test views.
+        squares: its intersections if they were listed as 3DGS lists them, see `square_lists`.
         points_per_pixel: the points over the pixels of a frame.
         psnr_gate: PSNR on the gate's validation views.
         equal: for baselines, the comparison with our loop.
@@ -72,6 +76,7 @@ class Pruned:
     psnr: float
     ssim: float
     frame: FrameWork
+    squares: float
     points_per_pixel: float
     psnr_gate: float
     equal: EqualQuality | None = None
@@ -81,7 +86,8 @@ class Pruned:
         return asdict(self) | {
             "frame": self.frame.record(), "points_percent": 100 * self.points / dense.points,
             "psnr_percent": 100 * self.psnr / dense.psnr, "psnr_gate_percent": 100 * self.psnr_gate / dense.psnr_gate,
-            "ssim_percent": 100 * self.ssim / dense.ssim, "cut": dense.frame.entries / max(self.frame.entries, 1.0)}
+            "ssim_percent": 100 * self.ssim / dense.ssim, "cut": dense.frame.entries / max(self.frame.entries, 1.0),
+            "cut_squares": dense.squares / max(self.squares, 1.0)}
 
 
 def pruning_rows(scene: TrainingScene, trained: Trained) -> list[Pruned]:
@@ -108,7 +114,9 @@ def _row(
 ) -> Pruned:
     quality = evaluate(model, scene, scene.judged)
     frame = FrameWork.mean([whole_frame_work(model, scene.cameras[view]) for view in scene.judged])
-    return Pruned(criterion, variant, points=len(model), psnr=quality.psnr, ssim=quality.ssim, frame=frame,
+    plain = to_model(model, up=UP, name="level")
+    squares = float(np.mean([square_intersections(plain, scene.cameras[view]) for view in scene.judged]))
+    return Pruned(criterion, variant, points=len(model), psnr=quality.psnr, ssim=quality.ssim, frame=frame, squares=squares,
                   points_per_pixel=len(model) / (scene.size[0] * scene.size[1]),
                   psnr_gate=evaluate(model, scene, gate, ssim=False).psnr, **{"tuned": False, **more})
 

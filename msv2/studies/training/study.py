@@ -36,7 +36,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add("--variant", metavar="H|M|L", help="training variant (default: that of a finished run, else H)")
     add("--size", metavar="WxH", help="size to train at (default: that of a finished run, else that of the training)")
     add("--iterations", type=int, metavar="N",
-        help="iterations of the recipe; all tables together need 2.2 times as many in addition")
+        help="iterations of the recipe; all tables together need 3.9 times as many in addition")
     add("--max-points", type=int, metavar="N", help="largest number of points of the dense model")
     add("--full", action="store_true",
         help="dense models of up to 1.5 points a pixel and more iterations, as of `msv2 train --full`")

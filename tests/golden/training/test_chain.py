@@ -4,6 +4,7 @@ import errno
 import io
 import json
 import os
+import re
 import signal
 from contextlib import contextmanager
 
@@ -19,8 +20,10 @@ from golden.training.chain import Chain, Interrupted, Planned, non_finite  # noq
 from golden.training.checkpoint import Checkpoint, Checkpoints  # noqa: E402
 from golden.training.failure import TrainingError, room_needed  # noqa: E402
 from golden.training.progress import Progress  # noqa: E402
+from golden.training.remaining import USUAL, Remaining, kind_of  # noqa: E402
 from golden.training.stage import Stage  # noqa: E402
 from spec.errors import InputError  # noqa: E402
+from spec.progress import as_time  # noqa: E402
 
 OPTIONS = {"scene": "test", "seed": 3}
 
@@ -332,6 +335,64 @@ def test_progress_on_a_terminal_is_a_bar():
             progress.update(done, {"loss": 0.25, "points": 10})
         assert progress.bar.n == 50
     assert "loss=0.25" in stream.getvalue() and "points=10" in stream.getvalue() and "2/2 second" in stream.getvalue()
+
+
+def test_the_kind_of_a_stage_is_in_its_name():
+    names = {"dense": "dense", "prune": "prune", "prune-M": "prune", "prune-speedy": "prune", "scale-decay": "scale-decay",
+             "finetune-L": "finetune", "level2": "level", "level4-plain": "level", "separate3": "separate", "smfr": "smfr"}
+    assert {name: kind_of(name) for name in names} == names
+
+
+def test_remaining_time_of_the_whole_chain_by_hand():
+    """3 s for an iteration of dense training, of which 90 are left; a level costs USUAL times that until its own are known."""
+    remaining = Remaining([("dense", 100), ("level2", 10), ("level3", 10), ("smfr", 0)])
+    assert remaining.seconds("dense", 0) is None
+    for _ in range(10):
+        remaining.took("dense", 3.0)
+    usual = USUAL["level"] / USUAL["dense"]
+    assert remaining.seconds("dense", 10) == pytest.approx(3 * 90 + 20 * 3 * usual)
+    for _ in range(5):
+        remaining.took("level2", 7.0)
+    assert remaining.seconds("level2", 5) == pytest.approx(5 * 7 + 10 * 7)  # what level2 took tells about level3
+    for _ in range(1000):
+        remaining.took("level2", 1.0)
+    assert remaining.seconds("level2", 5) == pytest.approx(15, rel=0.05)  # the mean moves
+    assert remaining.seconds("level3", 10) == remaining.seconds("level3", 12) == 0
+
+
+def test_a_resumed_chain_knows_what_the_first_run_measured():
+    spent = {"dense": {"iterations": 100, "seconds": 200.0}, "prune": {"iterations": 0, "seconds": 0.0}}
+    remaining = Remaining([("dense", 100), ("prune", 50)], spent)
+    assert remaining.seconds("prune", 0) == pytest.approx(50 * 2 * USUAL["prune"])
+    remaining.took("prune", 4.0)
+    assert remaining.seconds("prune", 1) == pytest.approx(49 * 4)
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_progress_tells_the_time_left_of_all_stages(tmp_path, monkeypatch, terminal):
+    """On a clock that steps by what iterations take, 2 s in the first stage and 5 s in the second: lines of both stages end
+    with the rest of the whole chain, and they come to 0."""
+    now = [0.0]
+    monkeypatch.setattr(chain_module.time, "monotonic", lambda: now[0])
+    stream = io.StringIO()
+    stream.isatty = lambda: terminal
+    monkeypatch.setattr(chain_module, "Progress", lambda *arguments: Progress(*arguments, stream=stream))
+
+    def hook(stage):
+        now[0] += {"dense": 2.0, "prune": 5.0}[stage.name]
+
+    stages = [Planned("dense", 40, lambda results: Noise("dense", gaussians(), 40, hook)),
+              Planned("prune", 20, lambda results: Noise("prune", results["dense"], 20, hook))]
+    run(tmp_path, stages=stages)
+    if terminal:
+        assert "all stages=" in stream.getvalue() and "0 s left" in stream.getvalue()
+        return
+    reads = r"\d/2 (\w+): (\d+)/.*, (\S+ \w+) of all stages"
+    told = [re.fullmatch(reads, line) for line in stream.getvalue().splitlines()]
+    assert len(told) == 20 and all(told)
+    guessed = 20 * 2 * USUAL["prune"]
+    assert [line[3] for line in told[:10]] == [as_time(2 * (40 - done) + guessed) for done in range(4, 41, 4)]
+    assert [line[3] for line in told[10:]] == [as_time(5 * (20 - done)) for done in range(2, 21, 2)]
 
 
 def test_checkpoints_come_by_time(tmp_path, monkeypatch):

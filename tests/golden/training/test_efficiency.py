@@ -1,13 +1,25 @@
 """What pruning ranks by, and scale decay."""
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch")
 
 from golden.diff.render import render  # noqa: E402
-from golden.training.efficiency import TIE_BREAK, Scores, efficiency, importance, widened, without_lowest  # noqa: E402
+from golden.diff.sensitivity import sensitivity  # noqa: E402
+from golden.training.efficiency import (  # noqa: E402
+    TIE_BREAK,
+    UPPER,
+    Scores,
+    efficiency,
+    importance,
+    pup,
+    widened,
+    without_lowest,
+)
 from golden.training.scale_decay import balance, next_gamma, weighted_scale  # noqa: E402
 from golden.training.views import PerView, generator, view_at, views_within  # noqa: E402
 from tests.helpers.training_samples import forward_camera, pixels_covered, round_gaussians  # noqa: E402
@@ -93,6 +105,59 @@ def test_count_ranks_by_opacity_and_random_by_seed():
     assert by_opacity.tolist() == [SHARED, HIDDEN, LONE, BEHIND, WIDE]
     draws = [Scores("random", [forward_camera()], seed=seed).measure(gaussians) for seed in (0, 0, 1)]
     assert torch.equal(draws[0], draws[1]) and not torch.equal(draws[0], draws[2])
+
+
+def views_of(camera) -> list:
+    """Five cameras, each a little to the side of the one before and turned."""
+    return [replace(camera, cx=camera.cx - 3 * step, translation=np.array([0.002 * step, 0.001 * step, 0.0]))
+            for step in range(5)]
+
+
+def test_speedy_is_the_log_of_the_sums_over_views():
+    """Sums of each view, made here, over the Gaussians that it projects; what no view sees is -inf and goes first."""
+    gaussians, cameras = round_gaussians(BALLS), views_of(forward_camera())
+    total = np.zeros(len(BALLS))
+    for camera in cameras:
+        found = sensitivity(gaussians, camera, fisher=False)
+        for row, value in zip(found.index.tolist(), found.value.tolist(), strict=True):
+            total[row] += value
+    score = Scores("speedy", cameras).measure(gaussians)
+    assert score[BEHIND] == -math.inf and total[BEHIND] == 0
+    assert score[:BEHIND].tolist() == pytest.approx(np.log(total[:BEHIND]).tolist())
+    assert torch.nonzero(~without_lowest(score, 2)).squeeze(1).tolist() == [HIDDEN, BEHIND]
+
+
+def test_pup_is_the_log_determinant_over_views():
+    """Matrices of all views are added before the determinant is taken, which one view of a ball leaves at next to nothing."""
+    gaussians, cameras = round_gaussians(BALLS), views_of(forward_camera())
+    total = np.zeros((len(BALLS), 6, 6))
+    for camera in cameras:
+        found = sensitivity(gaussians, camera)
+        total[found.index.numpy()] += found.fisher.numpy()
+    score = Scores("pup", cameras).measure(gaussians)
+    assert score[BEHIND] == -math.inf
+    expected = np.linalg.slogdet(total[:BEHIND])[1]
+    assert score[:BEHIND].tolist() == pytest.approx(expected.tolist(), rel=1e-6)
+    halves = torch.eye(6, dtype=torch.float64)[None].repeat(2, 1, 1)
+    halves[1] *= 0.5
+    assert pup(halves[:, UPPER[0], UPPER[1]]).tolist() == pytest.approx([0.0, 6 * math.log(0.5)])
+
+
+@pytest.mark.parametrize("criterion", ["speedy", "pup"])
+def test_sensitivities_measured_in_parts_are_those_measured_at_once(criterion):
+    gaussians, cameras = round_gaussians(BALLS[:BEHIND]), views_of(forward_camera())
+    expected = Scores(criterion, cameras).measure(gaussians)
+    parts = Scores(criterion, cameras, share=3)
+    assert all(torch.allclose(parts.measure(gaussians), expected, rtol=1e-6) for _ in range(4))
+    keep = torch.tensor([True, True, False, True])
+    parts.select(keep)
+    again = Scores(criterion, cameras, share=3)
+    again.load(parts.state())
+    fewer = gaussians.select(keep)
+    for _ in range(3):
+        now = parts.measure(fewer)
+        assert torch.equal(now, again.measure(fewer))
+    assert torch.allclose(now, Scores(criterion, cameras).measure(fewer), rtol=1e-6)
 
 
 def test_without_lowest_is_stable():

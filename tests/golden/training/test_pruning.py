@@ -212,7 +212,7 @@ def test_stages_refuse(scene, dense):
         FineTuneStage(scene, dense, iterations=0)
 
 
-@pytest.mark.parametrize("criterion", ["count", "importance", "random"])
+@pytest.mark.parametrize("criterion", ["count", "importance", "speedy", "pup", "random"])
 def test_baselines_go_through_the_same_loop(scene, dense, criterion):
     stage = run(baseline_stage(criterion, scene, dense, "L", replace(QUICK, iterations=6)))
     assert stage.gate == Gate.of(evaluate(dense, scene, scene.validation), 0.03)

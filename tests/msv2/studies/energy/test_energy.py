@@ -9,7 +9,8 @@ import pytest
 
 from msv2.studies.energy import study
 from msv2.studies.energy.dram import LPDDR3
-from msv2.studies.energy.frame import CHIP, CLOCK_TREE_SHARE, PARTS, WorkCounts, counter_counts, frame_energy
+from msv2.studies.energy.estimates import estimates
+from msv2.studies.energy.frame import CHIP, PARTS, WorkCounts, counter_counts, frame_energy
 from msv2.studies.energy.sources import SRAM_POINTS, SRAM_TO_16NM, sram_access_pj
 from msv2.studies.energy.table import TABLE, Memory, Table, Unit, load_table
 from spec.config import PAPER, PAPER_SMALL
@@ -63,7 +64,7 @@ def test_no_work_costs_clock_and_leakage_only(table):
     report = frame_energy(WorkCounts(), 5000, PAPER, table)
     assert report.sum_mj("dynamic") == report.sum_mj("sram") == 0
     assert report.sum_mj("clock") > 0 < report.sum_mj("leakage")
-    assert report.sum_mj("assumed") == pytest.approx(CLOCK_TREE_SHARE * report.sum_mj("clock"))
+    assert report.sum_mj("assumed") == pytest.approx(estimates().clock_tree.value * report.sum_mj("clock"))
     idle = LPDDR3.channels * (LPDDR3.open_mw + LPDDR3.interface.clock_mw)
     assert report.sum_mj("dram") == pytest.approx(idle * 5000 * 1e-9)
     nothing = frame_energy(WorkCounts(), 0, PAPER, table)

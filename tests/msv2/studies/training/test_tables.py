@@ -15,6 +15,8 @@ from golden.metrics.level_pooling import LevelPooling  # noqa: E402
 from golden.training.baselines import smfr  # noqa: E402
 from golden.training.chain import Planned  # noqa: E402
 from golden.training.evaluate import evaluate  # noqa: E402
+from golden.training.masks import WAIT, WEIGHT  # noqa: E402
+from golden.training.prune_baselines import BASELINES as CRITERIA  # noqa: E402
 from golden.training.recipe import ReadyStage, Recipe  # noqa: E402
 from msv2.studies.training import (  # noqa: E402
     ablation,
@@ -30,6 +32,7 @@ from msv2.studies.training.frame_work import FrameWork  # noqa: E402
 from msv2.studies.training.level_curves import LevelCurve, level_curves  # noqa: E402
 from msv2.studies.training.rtl_cycles import RtlCycles  # noqa: E402
 from msv2.studies.training.tables_text import markdown  # noqa: E402
+from msv2.studies.training.tables_text import pruning_table as pruning_text  # noqa: E402
 from msv2.studies.training.targets_text import targets_rows  # noqa: E402
 from spec.errors import InputError  # noqa: E402
 from tests.helpers.training_samples import small_dense, small_scene  # noqa: E402
@@ -166,7 +169,7 @@ def test_parts_add_what_the_tables_need_and_keep_what_is_ready(monkeypatch):
     assert planned == {
         "level1": [("finetune", 3)], "levels": [(name, 3) for name in levels], "scale-decay": [("scale-decay", budget)],
         "plain": [(f"{name}-plain", 3) for name in levels], "mmfr": [("separate2", 3), ("separate3", 3), ("separate4", 3)],
-        "pruning": [("prune-count", budget), ("prune-importance", budget), ("prune-random", budget),
+        "pruning": [*((f"prune-{name}", budget) for name in CRITERIA),
                     ("prune-M", 3), ("finetune-M", 3), ("prune-L", 3), ("finetune-L", 3)]}
     assert results["dense"] == "there" and results["level3-plain"] == "level3 H plain" and results["level3"] == "level3 H ours"
     given = next(given for name, recipe, given in seen if name == "level3" and not recipe.enhancement)
@@ -184,7 +187,8 @@ def test_loops_share_gate_interval_and_iterations(scene, dense):
     stages = {stage.name: stage for part in ("scale-decay", "pruning")
               for stage in table_runs.part_plan(part, RECIPE, scene, "cpu", before)}
     changes = {"scale-decay": {"criterion": None}, "prune-M": {}, "prune-L": {}} | {
-        f"prune-{name}": {"criterion": name, "scale_decay": False} for name in ("count", "importance", "random")}
+        f"prune-{name}": {"criterion": name, "scale_decay": False} for name in CRITERIA if name != "compact"}
+    changes["prune-compact"] = {"criterion": None, "interval": WAIT, "recovery": options.interval, "gamma_first": WEIGHT}
     for name, changed in changes.items():
         stage = stages[name].make({})
         assert stage.options == replace(options, **changed) and stage.total == stages[name].total == options.iterations
@@ -210,7 +214,7 @@ def trained(dense):
     """Models that no training made, related as trained ones are."""
     level1 = dense.select(torch.arange(0, 600, 2))
     separate = {f"separate{level + 1}": level1.select(torch.arange(count)) for level, count in ((1, 120), (2, 60), (3, 30))}
-    others = {f"prune-{name}": dense.select(torch.arange(500)) for name in ("count", "importance", "random", "M", "L")}
+    others = {f"prune-{name}": dense.select(torch.arange(500)) for name in (*CRITERIA, "M", "L")}
     tuned = {f"finetune-{name}": dense.select(torch.arange(400)) for name in "ML"}
     results = {"dense": dense, "scale-decay": dense, "prune": level1, "finetune": level1, **separate, **others, **tuned,
                "level4": smfr(level1, (300, 120, 60, 30), 1), "level4-plain": smfr(level1, (300, 200, 100, 50), 1)}
@@ -242,6 +246,9 @@ def test_page_plot_and_json_hold_every_scene(tmp_path, scene, dense):
                  "| embedded, 64x64 | L1 of H: intersections cut >= 3 times |"):
         assert text in page, text
     kept = json.loads((tmp_path / "training.json").read_text())["scenes"]
+    assert page.count("| squares/frame | fewer squares, times | squares / exact |") == 2
+    older = [{name: value for name, value in row.items() if "squares" not in name} for row in kept[0]["pruning"]]
+    assert "squares/frame" not in pruning_text(older)  # as reports before there were such columns
     for head in ("| points a pixel | PSNR of dense, gate views | gate to test |", "| HVSQ 1e-5 of L1 to L4, blocks | box |"):
         assert page.count(head) == (4 if "gate views" in head else 2), head
     assert [each["scene"] for each in kept] == ["embedded", "other"]
@@ -291,11 +298,13 @@ def test_verdicts_follow_the_numbers(scene, dense):
             for first in rows[:1] for row in rows]
     assert [(row["criterion"], row["variant"], row["tuned"]) for row in rows] == [
         (None, None, False), ("ce", "H", False), ("ce", "H", True), ("ce", "M", False), ("ce", "M", True), ("ce", "L", False),
-        ("ce", "L", True), ("count", "H", False), ("importance", "H", False), ("random", "H", False)]
+        ("ce", "L", True), *((name, "H", False) for name in CRITERIA)]
     told = {what: verdict for what, _, verdict in targets_rows({"scene": "x", "pruning": rows})}
     assert told["L1 of H: PSNR >= 99 % of dense"] == "reached"
     assert told["L1 of H: intersections cut >= 3 times"] == "missed"
-    assert [verdict for what, verdict in told.items() if "equal PSNR than by" in what] == ["reached", "missed"]
+    assert [verdict for what, verdict in told.items() if "equal PSNR than by" in what] == [
+        "reached", "missed", "reached", "reached", "reached"]
+    assert rows[1]["cut_squares"] == 1.0 and rows[3]["cut_squares"] > 1.0 and rows[0]["squares"] > rows[0]["frame"]["entries"]
     assert rows[1]["cut"] == 1.0 and rows[3]["cut"] > 1.0 and rows[4]["points_percent"] == pytest.approx(200 / 3)
 
 

@@ -1,0 +1,1 @@
+"""What two libraries say of the energy of the same units at 16 nm."""

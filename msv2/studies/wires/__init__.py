@@ -1,0 +1,1 @@
+"""Units placed with coloquinte: what their wires cost."""
