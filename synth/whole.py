@@ -71,8 +71,8 @@ def time_config(
     runs: int = MOST_RUNS, corners: Sequence[str] = tuple(CORNERS), clock_ps: float = 1000.0, uncertainty: float = UNCERTAINTY,
     *, interfaces: bool = False,
 ) -> WholeTiming:
-    """Maps all modules of a machine, links them, and times the whole at each corner. Modules are mapped for what the uncertainty
-    leaves of the clock, so that what fits into one by itself fits into the machine as well.
+    """Maps all modules of a machine, links them, and times the whole at each corner. Modules are mapped for what the
+    uncertainty leaves of the clock, so that what fits into one by itself fits into the machine as well.
 
     `interfaces`: the modules' interfaces are measured as well.
 
