@@ -10,8 +10,6 @@ KNOWN_LATE: dict[str, dict[tuple[str, str], int]] = {
     "paper": {
         ("render.sorter", "render.sorter"): 396,
         ("render.sorter", "render.sorter.reader"): 299,
-        ("registers", "render.writer"): 211,
-        ("render.finished", "render.writer"): 176,
         ("render.tile_merge", "render.tile_merge"): 58,
         ("registers", "queue_colour"): 57,
         ("controller", "queue_colour"): 56,
@@ -22,13 +20,10 @@ KNOWN_LATE: dict[str, dict[tuple[str, str], int]] = {
         ("controller", "geometry.writer"): 26,
         ("geometry.projection", "geometry.projection"): 13,
         ("geometry.tile_test", "geometry.tile_test"): 13,
-        ("render.writer", "render.writer"): 4,
     },
     "v3": {
         ("render.sorter", "render.sorter"): 406,
         ("render.sorter", "render.sorter.reader"): 260,
-        ("registers", "render.writer"): 221,
-        ("render.finished", "render.writer"): 176,
         ("registers", "geometry.path.projection"): 66,
         ("render.array.setup", "render.array.setup"): 35,
         ("geometry.path.projection", "geometry.path.projection"): 33,
@@ -40,6 +35,5 @@ KNOWN_LATE: dict[str, dict[tuple[str, str], int]] = {
         ("geometry.headers", "master"): 8,
         ("geometry.path.projection", "render.supertiles"): 6,
         ("queue_geometry", "geometry.reader"): 6,
-        ("render.writer", "render.writer"): 4,
     },
 }

@@ -143,13 +143,15 @@ class PixelWriter(wiring.Component):
         display = Cat(self._display(i) for i in range(self.config.array_x))
         line, start = Signal(len(whole), reset_less=True), Signal(BEAT_BITS + 1, reset_less=True)
         left, below = Signal((self.width - column).shape(), reset_less=True), Signal(reset_less=True)
+        width = Signal.like(self.width, reset_less=True)  # a setting's way from the registers and the product are too long
         m.d.comb += self.rows.ready.eq(room)
+        m.d.sync += width.eq(self.width)
         with m.If(room):
             m.d.sync += packed.eq(self.rows.valid)
         with m.If(self.rows.valid & room):
             m.d.sync += [
                 line.eq(Cat(Mux(self.display, display, whole[: len(display)]), whole[len(display) :])),
-                start.eq(y * self.width + column), left.eq(self.width - column), below.eq(y < self.height)]
+                start.eq(y * width + column), left.eq(self.width - column), below.eq(y < self.height)]
         return line, start, left, below
 
     def _whole(self, m: Module, lane: int) -> Value:

@@ -24,7 +24,7 @@ from tb.top.suite import (
     run_plan,
 )
 
-V2_CYCLES = {"gaze in the middle, usual memory": 15_270, "bounding boxes, usual memory": 16_674}
+V2_CYCLES = {"gaze in the middle, usual memory": 15_124, "bounding boxes, usual memory": 16_528}
 """Cycles of some frames of the plan, from start to end."""
 
 IN_SHORT = ("reset after 250", "abort after 40", "geometry fails", "frame fails", "width = 0", "second pages", "room for runs")
