@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
-import os
 import re
-import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -27,6 +25,7 @@ from synth.broadcast import buffer_broadcasts
 from synth.heap import Cut
 from synth.liberty import Technology
 from synth.memories import LIMIT, Macro, take_out
+from synth.quiet import printing_to
 
 Result = TypeVar("Result")
 
@@ -71,18 +70,11 @@ def version() -> str:
 
 
 def run(*commands: str, log: Path, design: object = None) -> object:
-    """Run Yosys commands on a design. Yosys has no quiet mode for a caller, so its output is redirected to the file `log`."""
+    """Run Yosys commands on a design; what they print is appended to the file `log`."""
     design = design or libyosys.Design()
-    sys.stdout.flush()
-    console = os.dup(1)
-    with open(log, "ab") as file:
-        os.dup2(file.fileno(), 1)
-        try:
-            for command in commands:
-                libyosys.run_pass(command, design)
-        finally:
-            os.dup2(console, 1)
-            os.close(console)
+    with printing_to(log):
+        for command in commands:
+            libyosys.run_pass(command, design)
     return design
 
 

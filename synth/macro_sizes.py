@@ -21,7 +21,7 @@ from pathlib import Path
 
 from spec.errors import InputError
 from synth.liberty import PDK_VARIABLE
-from synth.macros import DENSITY_UM2, FLOP_UM2, MUX_UM2, WORD_UM2
+from synth.macros import DENSITY_UM2, MUX_UM2, flops_um2
 from synth.memories import Macro
 from synth.scaling import TO_16NM
 
@@ -99,8 +99,7 @@ def make_sized(memory: Macro, way: str, macros: tuple[SizedMacro, ...]) -> Sized
     copies = memory.reads if memory.writes == 1 else 1
     options = [_of(memory, macro, fold, copies, um2_16nm(macro, way, macros)) for macro in macros for fold in _FOLDS
                if fold == 1 or (fold < memory.words and fold * memory.width <= _LONGEST_ROW)]
-    flops = memory.bits * FLOP_UM2 + memory.reads * (memory.words - 1) * memory.width * MUX_UM2 + memory.words * WORD_UM2
-    options.append(Sized("flip-flops", 0, flops * TO_16NM["asap7"].area, 0.0))
+    options.append(Sized("flip-flops", 0, flops_um2(memory) * TO_16NM["asap7"].area, 0.0))
     return min(options, key=lambda sized: sized.um2)
 
 

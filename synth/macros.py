@@ -90,11 +90,16 @@ def make(memory: Macro) -> Made:
         (_folded(memory, fold, tuple(sorted(areas.items()))) for fold in _FOLDS
          if fold == 1 or (fold < memory.words and fold * memory.width <= _LONGEST_ROW)),
         key=lambda found: found[0])
-    flops = memory.bits * FLOP_UM2 + memory.reads * (memory.words - 1) * memory.width * MUX_UM2 + memory.words * WORD_UM2
+    flops = flops_um2(memory)
     if flops <= copies * area:
         return Made("flip-flops", {}, flops, f"{FLOP_UM2} um^2 a bit, {MUX_UM2} a multiplexer of a bit, {WORD_UM2} a word")
     return Made("macros", {name: copies * count for name, count in macros.items()}, copies * area,
                 f"{source}; {MUX_UM2} um^2 for each multiplexer of a bit behind them")
+
+
+def flops_um2(memory: Macro) -> float:
+    """Area of a memory that is an array of flip-flops, in um^2 of ASAP7."""
+    return memory.bits * FLOP_UM2 + memory.reads * (memory.words - 1) * memory.width * MUX_UM2 + memory.words * WORD_UM2
 
 
 def _folded(memory: Macro, fold: int, areas: tuple) -> tuple[float, Counter[str]]:

@@ -35,7 +35,8 @@ def packages(extra: str) -> set[str]:
 
 
 def test_every_extra_is_there():
-    wanted = {"models", "plots", "train", "cuda", "synth", "fpga", "cluster", "viewer", "judge", "metrics", "docs", "dev"}
+    wanted = {"models", "plots", "train", "cuda", "synth", "fpga", "cluster", "viewer", "judge", "metrics", "docs", "dev",
+              "place"}
     assert wanted == set(DECLARED)
     assert set(EXTRAS.values()) == set(DECLARED)
 

@@ -36,7 +36,7 @@ PARTS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "sorting": ((*_SORTER, "render.handover", "queue_spill"), (*_SORTER, "render.handover", "queue_spill")),
     "splat records": (("render.fetch", "queue_views"), ("render.fetch", "render.batches")),
     "array and blending": (_ARRAY, (*_ARRAY, "render.array.state")),
-    "pixels written": (("render.writer",), ("render.writer",)),
+    "pixels written": (("render.finished", "render.writer"), ("render.finished", "render.writer")),
     "control and bus": ((*_CONTROL, "geometry.saturations"),
                         (*_CONTROL, "geometry.path.saturations", "render.saturations")),
 }
@@ -96,7 +96,7 @@ def _compared(what: str, rows: Sequence[tuple[str, tuple[float, float], tuple[fl
 def _new_units(units: Sequence[Mapping[str, object]]) -> str:
     changed = {unit for _, after in PARTS.values() for unit in after}
     same = {"queue_geometry", "queue_tiles", "queue_colour", "queue_entries", "queue_spill", "geometry.loader", "render.fork",
-            "render.writer", *_CONTROL}
+            "render.finished", "render.writer", *_CONTROL}
     rows = [(f"`{row['unit']}`", f"{row['logic_um2']:,.0f}", "-" if row["slack_ps"] is None else f"{row['slack_ps']:,.0f}",
              f"{row['memory_bits']:,.0f}", f"{row['logic_um2_16nm']:,.0f}", f"{row['memory_um2_16nm']:,.0f}")
             for row in units if row["unit"] in changed - same]

@@ -64,15 +64,13 @@ def as_markdown(content: dict[str, object], energies: Table) -> str:
                         [(u.name, u.operation, f"{u.dynamic_pj:.3f}", f"{u.switching_pj:.3f}", f"{u.clock_pj:.3f}",
                           f"{u.leakage_mw:.4f}", u.source) for u in units], left=2, words=("measured by",))]
     lines += ["", "## Memories of the chip and beside it", ""]
-    seen = {}
-    for row in (row for frame in content["frames"] for row in frame["rows"] if row["part"] in ("sram", "dram")):
-        seen.setdefault(row["operation"], row)
-    cells = []
-    for row in seen.values():
-        made = content["coefficients"][row["coefficient"]]
-        cells.append((row["operation"], f"{row['coefficient_pj']:.3f}", made["node"], made["source"], made["scaling"]))
     head = ("what", "pJ", "node", "source", "scaling")
-    return "\n".join([*lines, table(head, cells, left=1, words=head[2:])]) + "\n"
+    cells: dict[str, tuple[str, ...]] = {}
+    for price in content["prices"]:
+        if price["part"] in ("sram", "dram"):
+            cells.setdefault(price["operation"], (price["operation"], f"{price['coefficient_pj']:.3f}",
+                                                  *(price[key] for key in head[2:])))
+    return "\n".join([*lines, table(head, cells.values(), left=1, words=head[2:])]) + "\n"
 
 
 def _dram(frame: dict[str, object]) -> tuple[str, ...]:

@@ -154,7 +154,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     print("\n".join(map(summary, frames)), flush=True)
     make_folder(args.out)
     content = {"commit": commit(), "measured_at": table.commit, "node": table.node, "scaling": table.scaling,
-               "coefficients": coefficients(frames), "frames": frames, "others": OTHERS}
+               "prices": price_list(frames), "frames": frames, "others": OTHERS}
     scenes = [args.scene] if args.scene is not None else places(ENERGY)
     write_report(args.out / "energy.json", content, [__name__], {"arguments": args, "machine": config_from(args)},
                  [args.table, *files, *scenes])
@@ -165,14 +165,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def coefficients(frames: Sequence[dict[str, object]]) -> list[dict[str, str]]:
-    """Node, source and scaling of the rows' coefficients, each once. Each row gets an index into this list as `coefficient`."""
-    places: dict[tuple[str, str, str], int] = {}
+def price_list(frames: Sequence[dict[str, object]]) -> list[dict[str, object]]:
+    """The energy of one operation for every unit, part and operation of the frames, each once, with its node, source and
+    scaling. It takes the rows out of the frames, which keep their sums and the numbers of operations."""
+    priced: dict[str, dict[str, object]] = {}
     for frame in frames:
-        for row in frame["rows"]:
-            made = row.pop("node"), row.pop("source"), row.pop("scaling")
-            row["coefficient"] = places.setdefault(made, len(places))
-    return [dict(zip(("node", "source", "scaling"), made, strict=True)) for made in places]
+        for row in frame.pop("rows"):
+            price = {key: value for key, value in row.items() if key not in ("value_mj", "operations")}
+            priced.setdefault(json.dumps(price), price)
+    return list(priced.values())
 
 
 def summary(frame: dict[str, object]) -> str:

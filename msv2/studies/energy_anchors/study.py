@@ -22,11 +22,12 @@ from spec.paths import REPORTS, ROOT
 from synth.design import elaborate
 from synth.discover import read_cells
 from synth.hints import config_of
+from synth.power.energy import VOLTAGE
 from synth.report import module_result
 from synth.scaling import SOURCE, TO_16NM, same_clock
 from synth.settings import Settings
 
-VOLTAGES = {"asap7": 0.70, "nangate45": 1.10}
+VOLTAGES = {"asap7": VOLTAGE, "nangate45": 1.10}
 """Supply voltage of the liberty files in V, by technology."""
 
 CLOCK_PS = 1000.0

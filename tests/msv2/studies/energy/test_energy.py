@@ -136,8 +136,8 @@ def test_report_of_a_frame_through_the_rtl(tmp_path):
     assert found["total_mj"] == pytest.approx(expected.total_mj) and found["work"] == "RTL counters"
     assert 0.9 * frame["frame_cycles"] < found["cycles"] < frame["frame_cycles"]
     assert found["counts"]["points"] == frame["events"]["points"]
-    for row in found["rows"]:
-        assert all(content["coefficients"][row["coefficient"]][key] for key in ("node", "source", "scaling"))
+    assert all(price[key] for price in content["prices"] for key in ("node", "source", "scaling"))
+    assert {price["unit"] for price in content["prices"]} == set(found["by_unit_mj"])
     page = (tmp_path / "energy.md").read_text()
     assert content["commit"] in page and f"{expected.chip_mj:.3f}" in page and "not counted" in page
     for unit in load_table().units:
