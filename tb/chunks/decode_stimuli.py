@@ -17,10 +17,14 @@ _HEADER = ("low", "step", "scale_top", "bound")
 
 
 def headers(config: AcceleratorConfig, rng: np.random.Generator, count: int, coarse: np.ndarray | bool) -> np.ndarray:
-    """(N,) headers of chunks of one, with random grids within each other's reach, sizes and bounds; `coarse` is one or N."""
+    """(N,) headers of chunks of one, with random grids within each other's reach, sizes and bounds; `coarse` is one or N. Some
+    corners are 0, and some have an exponent of which one bit alone is set."""
     out = np.zeros(count, chunk_header(config).dtype)
     position = config.formats.position
-    out["low"] = position.quantise(rng.normal(0, 1, (count, 3)) * 2.0 ** rng.uniform(-12, 12, (count, 1)))
+    low = rng.normal(0, 1, (count, 3)) * 2.0 ** rng.uniform(-12, 12, (count, 1))
+    bit = 1 << rng.integers(0, position.exp_bits, (count, 3))
+    alone = np.copysign(2.0 ** (bit - float(position.bias)), low)
+    out["low"] = position.quantise(np.choose(rng.choice(3, (count, 3), p=(0.8, 0.1, 0.1)), (low, alone, 0.0)))
     out["step"] = rng.integers(16, 44, (count, 3))
     out["scale_top"] = rng.integers(0, 1 << SCALE_TOP_BITS, count)
     out["bound"] = np.where(coarse, COARSE_BOUND, rng.integers(0, COARSE_BOUND, count))
@@ -29,10 +33,10 @@ def headers(config: AcceleratorConfig, rng: np.random.Generator, count: int, coa
 
 
 def records(config: AcceleratorConfig, rng: np.random.Generator, of: np.ndarray) -> np.ndarray:
-    """(N,) random geometry for these headers; all codes of a field are equally likely."""
+    """(N,) random geometry for these headers; all codes of a field are equally likely, but for positions of 0."""
     out = np.zeros(len(of), compact_geometry(config, coarse=True).dtype)
     coarse = (of["bound"] == COARSE_BOUND)[:, None]
-    out["position"] = rng.integers(0, 1 << POSITION_BITS, (len(of), 3))
+    out["position"] = rng.integers(0, 1 << POSITION_BITS, (len(of), 3)) * (rng.random((len(of), 3)) < 0.9)
     out["scale"] = rng.integers(0, 1 << np.where(coarse, scale_bits(True), scale_bits(False)), (len(of), 3))
     out["largest"] = rng.integers(0, 4, len(of))
     half = 1 << np.where(coarse, quaternion_bits(True), quaternion_bits(False)) - 1

@@ -10,13 +10,10 @@ import numpy as np
 from golden.host import compact
 from spec.chunks import CHUNK, PLACE_BITS, header_item
 from spec.config import AcceleratorConfig
-from spec.memory import BEAT_BYTES, read_data, read_request
+from spec.memory import BEAT_BITS, BEAT_BYTES, read_data, read_request
 from spec.packing import pack
 from spec.records import gaussian_geometry, gaussian_point
 from tb.chunks import decode_stimuli
-
-BASE = 0x5A5A5A5
-"""The beat of the first Gaussian."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +25,7 @@ class Case:
         inputs, expected: rows of the streams.
         error: whether a beat that is read has an error.
         points: number of Gaussians that are read.
+        base: the beat of the first Gaussian.
     """
 
     name: str
@@ -35,6 +33,7 @@ class Case:
     expected: dict[str, np.ndarray]
     error: bool
     points: int
+    base: int
 
 
 def _wide_geometry(config: AcceleratorConfig, rng: np.random.Generator, count: int) -> np.ndarray:
@@ -98,6 +97,7 @@ def case(
         bad: whether one beat has an error.
     """
     tested, reads, beats, points = [], [], [], []
+    base = int(rng.integers(1 << BEAT_BITS - 1))
     for counts in frames:
         chunks, rows, memory = _model(config, rng, counts, first)
         numbers = np.flatnonzero(rng.random(len(chunks)) < read)
@@ -120,12 +120,12 @@ def case(
     request = np.zeros(sum(map(len, reads)), read_request(config).dtype)
     answer = np.zeros(len(request), read_data(config).dtype)
     if len(request):
-        request["beat"] = BASE + np.concatenate(reads)
+        request["beat"] = base + np.concatenate(reads)
         answer["word"] = np.concatenate(beats).view("<u4")
         answer["error"][rng.integers(0, len(request))] = bad
     wanted = np.concatenate(points)
     return Case(name, {"tested": np.concatenate(tested), "data": answer}, {"reads": request, "points": wanted}, bad,
-                int((wanted["end"] == 0).sum()))
+                int((wanted["end"] == 0).sum()), base)
 
 
 def boundary_cases(config: AcceleratorConfig, rng: np.random.Generator) -> list[Case]:

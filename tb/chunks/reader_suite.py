@@ -8,7 +8,7 @@ from rtl.chunks.geometry_decode import GeometryDecode
 from spec.chunks import CHUNK
 from spec.config import TINY_V3, V3_RECORDS, AcceleratorConfig
 from tb.chunks.reader_device import playback
-from tb.chunks.reader_stimuli import BASE, Case, boundary_cases, case
+from tb.chunks.reader_stimuli import Case, boundary_cases, case
 from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 
@@ -26,7 +26,7 @@ LATENCY = 130
 
 def plan_of(item: Case, name: str | None = None, *, delay: int = 20, frame: int = 1, **options: object) -> Planned:
     """The run that plays a case; the unit starts where `frame` changes. `options` are those of `planned`."""
-    settings = {"geometry_base": BASE, "delay": delay, "frame": frame}
+    settings = {"geometry_base": item.base, "delay": delay, "frame": frame}
     return planned(name or item.name, item.inputs, item.expected, observed={"busy": 0, "error": int(item.error)},
                    settings=settings, **options)
 

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from amaranth.hdl import Cat, Module, Signal
+from amaranth.hdl import Cat, Instance, Module, Signal
 from amaranth.lib import memory, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -39,6 +39,20 @@ class Accumulator(wiring.Component):
         never = Signal(2)
         m.d.sync += [
             never.eq(Cat(never[0] & self.number[0], never[0])), self.total.eq(self.total + self.number + read.data + never)]
+        return m
+
+
+class Boxed(wiring.Component):
+    """A gate that is there twice, beside a module that is not Amaranth's."""
+
+    def __init__(self):
+        super().__init__({"a": In(1), "b": In(1), "out": Out(1)})
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        back = Signal()
+        m.submodules.box = Instance("box", i_a=self.a, o_back=back)
+        m.d.comb += self.out.eq((self.a & self.b) | (self.b & self.a) | back)
         return m
 
 
@@ -78,6 +92,13 @@ def test_the_input_of_a_register_that_is_always_0_may_be_tied_to_0(tmp_path: Pat
     same = equal.equal(mutants, "accumulator", tmp_path)
     modes = {mutant.command.split()[2]: mutant.number in same for mutant in mutants if f"{cell} -port Y" in mutant.command}
     assert modes["const0"] and not modes["const1"] and not modes["inv"]
+
+
+def test_no_mutant_is_called_equal_beside_a_module_in_verilog(tmp_path: Path):
+    with keeping_sources() as texts:
+        to_rtlil(Boxed(), "boxed")
+    mutants = mutate.draw(texts["boxed"].replace("/tests/", "/rtl/"), "boxed", 60, 1, tmp_path)
+    assert mutants and not equal.equal(mutants, "boxed", tmp_path)
 
 
 def test_mutants_do_not_reach_the_testbench(tmp_path: Path):
