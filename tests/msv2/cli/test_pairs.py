@@ -9,7 +9,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -27,21 +26,32 @@ sys.exit(module.main(sys.argv[3:]))
 """
 """A command whose default output folder lies in another `build`, so that the checkout's is left alone."""
 
+HALT = """
+import os, signal
+from spec import private
+claimed = private._claimed
+def halting(place):
+    private._claimed = claimed
+    lock = claimed(place)
+    os.kill(os.getpid(), signal.SIGSTOP)
+    return lock
+private._claimed = halting
+"""
+"""Halts a command when it has claimed its folder, however busy the machine is."""
+
 SMALL = ("embedded", "--size", "32x24", "--levels", "4", "--gaze")
 
 
-def started(module: str, build: Path, *arguments: str) -> subprocess.Popen:
-    command = [sys.executable, "-c", RUN, module, str(build), *arguments]
+def started(module: str, build: Path, *arguments: str, before: str = "") -> subprocess.Popen:
+    command = [sys.executable, "-c", before + RUN, module, str(build), *arguments]
     return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
 def at_once(module: str, build: Path, first: tuple[str, ...], second: tuple[str, ...]) -> list[str]:
     """What two runs print that certainly overlap: the first one is halted in its folder until the second one has ended."""
-    one = started(module, build, *first)
-    while not any(build.rglob(LOCK)):
-        assert one.poll() is None, one.communicate()[0]
-        time.sleep(0.001)
-    os.kill(one.pid, signal.SIGSTOP)
+    one = started(module, build, *first, before=HALT)
+    os.waitid(os.P_PID, one.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)
+    assert one.poll() is None, one.communicate()[0]
     try:
         other = started(module, build, *second)
         said = other.communicate(timeout=600)[0]
