@@ -9,15 +9,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
-
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any
 
 from msv2.studies.labels import place_labels
 from msv2.studies.picture import find_pyplot, save_figure
 from msv2.studies.tradeoff.frontiers import Frontier
 from msv2.studies.tradeoff.knobs import DEFAULT, WORDS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 LEAST_LOSS = 1e-5
 """Losses below this many decibels are drawn at this value, because the scale is logarithmic and some settings gain by

@@ -8,6 +8,10 @@ import re
 import numpy as np
 import pytest
 
+pytest.importorskip("matplotlib", reason="needs the extra `plots`")
+
+from matplotlib import pyplot
+
 from msv2.studies.labels import overlapping
 from msv2.studies.tradeoff import crops, frontiers, plot, report
 from msv2.studies.tradeoff import study as command
@@ -20,7 +24,7 @@ NAMES = ("tradeoff", "tradeoff_truck")
 @pytest.fixture(autouse=True)
 def close_figures():
     yield
-    pytest.importorskip("matplotlib.pyplot").close("all")
+    pyplot.close("all")
 
 
 def kept(name: str) -> dict:
