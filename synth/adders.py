@@ -94,8 +94,8 @@ def map_adders(
                 cut = choose_blocks(columns, budgets.get(builder.sum_name, budgets.get("", inf)))
                 chosen[builder.sum_name] = cut
             else:
-                cut = Cut(0.0, tuple(hint or ()), False)
-            _build(builder, add_up(columns, cut.blocks, cut.in_levels), result, used)
+                cut = Cut(0.0, tuple(hint or ()))
+            _build(builder, add_up(columns, *cut[1:]), result, used)
     return chosen
 
 

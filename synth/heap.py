@@ -4,6 +4,8 @@ A full adder removes one bit from the heap, so a heap of n bits and m results ne
 decides depth, half adders and polarity. The columns are reduced to two bits each, from the lowest column up, always adding the
 three bits that arrive first (Oklobdzija's three-greedy approach). A ripple chain adds the two remaining rows. If that is too
 slow, the top of the chain is cut into blocks that are added without a carry in and then incremented by the carry that arrives.
+Where that is too slow as well, the carry skips a block in one gate, behind gates that tell beforehand whether all of its bits
+are ones.
 
 The library's adder has inverted outputs, and complementing all five pins of a full adder leaves it a full adder. So an adder is
 used either *straight* (true inputs, inverted outputs) or *flipped* (inverted inputs, true outputs), and an inverter is needed
@@ -75,7 +77,7 @@ Node = Adder | Gate
 
 
 def add_up(
-    columns: list[list[Bit]], blocks: Sequence[int] = (), in_levels: bool = False,
+    columns: list[list[Bit]], blocks: Sequence[int] = (), in_levels: bool = False, skips: bool = False,
 ) -> tuple[list[Bit | None], list[Node]]:
     """Add the columns, lowest first, modulo 2 to the power of their number.
 
@@ -84,6 +86,7 @@ def add_up(
     `blocks`: sizes of the incremented blocks at the top of the carry chain, lowest first.
     `in_levels`: all columns are reduced at the same time, as Dadda did, with some half adders; no carry ripples through the
     tree.
+    `skips`: the carry passes each block in one gate.
 
     Raises:
         ValueError: the blocks have more bits than there are columns.
@@ -98,32 +101,35 @@ def add_up(
         if carry is None:
             results, carry = results + partial, partial_carry
         else:
-            incremented, carry = _increment(partial, partial_carry, carry, nodes)
+            incremented, carry = _increment(partial, partial_carry, carry, skips, nodes)
             results += incremented
         start += size
     return results, nodes
 
 
 class Cut(NamedTuple):
-    """How a sum is added (`blocks` and `in_levels` of `add_up`), and its estimated arrival time in ps."""
+    """How a sum is added (`blocks`, `in_levels` and `skips` of `add_up`), and its estimated arrival time in ps."""
 
     time: float
-    blocks: tuple[int, ...]
-    in_levels: bool
+    blocks: tuple[int, ...] = ()
+    in_levels: bool = False
+    skips: bool = False
 
 
 def choose_blocks(columns: list[list[Bit]], budget: float) -> Cut:
-    """A way to finish a sum within `budget` ps with few incremented bits; the fastest way found if none is fast enough."""
+    """A way to finish a sum within `budget` ps with few incremented bits; the fastest way found if none is fast enough. Ways
+    that take fewer cells are tried first."""
     found = []
     for in_levels in (False, True):
         rows, carry, _ = _reduced(columns, in_levels)
-        found.append(Cut(*_cut(rows, carry, budget), in_levels))
-        if found[-1].time <= budget:
-            return found[-1]
+        for skips in (False, True):
+            found.append(Cut(*_cut(rows, carry, budget, skips), in_levels, skips))
+            if found[-1].time <= budget:
+                return found[-1]
     return min(found)
 
 
-def _cut(rows: list[list[Bit]], carry: Bit | None, budget: float) -> tuple[float, tuple[int, ...]]:
+def _cut(rows: list[list[Bit]], carry: Bit | None, budget: float, skips: bool) -> tuple[float, tuple[int, ...]]:
     """The blocks of a carry chain, and the time when the sum is finished.
 
     The search tries every column in which the blocks could begin, from the top down. The blocks above it follow by dynamic
@@ -136,7 +142,7 @@ def _cut(rows: list[list[Bit]], carry: Bit | None, budget: float) -> tuple[float
         if best[0] <= budget:
             break
         below = max(total for total, _ in ripple[:start])
-        time, blocks = _fastest(spans, start, ripple[start - 1][1])
+        time, blocks = _fastest(spans, start, ripple[start - 1][1], skips)
         best = min(best, (max(time, below), blocks), key=lambda found: found[0])
     return best
 
@@ -149,25 +155,31 @@ def _ripple_times(rows: list[list[Bit]], carry: Bit | None) -> list[tuple[float,
     return [(0.0, 0.0) if bit is None else (bit.time, carries.get(id(bit), bit.time)) for bit in results]
 
 
-def _fastest(spans: list[list[tuple[float, float]]], start: int, arrives: float) -> tuple[float, tuple[int, ...]]:
+def _fastest(
+    spans: list[list[tuple[float, float]]], start: int, arrives: float, skips: bool,
+) -> tuple[float, tuple[int, ...]]:
     """The earliest time at which the columns from `start` can be finished, and the blocks for it.
 
     `arrives` is the time of the carry into column `start`.
     """
     width = len(spans)
-    carry: dict[int, tuple[float, tuple[int, ...]]] = {start: (arrives, ())}
+    # by column: when the carry into it arrives, when all bits below are there, and the blocks below
+    carry: dict[int, tuple[float, float, tuple[int, ...]]] = {start: (arrives, 0.0, ())}
     for end in range(start + 1, width + 1):
         found = []
         for begin in range(max(start, end - LARGEST_BLOCK), end):
             if begin in carry and (end - begin >= SMALLEST_BLOCK or end == width):
-                into, sizes = carry[begin]
+                into, done, sizes = carry[begin]
                 sums = max(total for total, _ in spans[begin][:end - begin])
                 levels = 2 + (end - begin - 1) // 4
-                out = max(max(into, sums) + levels * BLOCK_GATE_DELAY, spans[begin][end - begin - 1][1] + BLOCK_GATE_DELAY)
-                found.append((out, (*sizes, end - begin)))
+                bits = max(into, sums) + levels * BLOCK_GATE_DELAY
+                passed = max(into, sums + (levels - 1) * BLOCK_GATE_DELAY) + BLOCK_GATE_DELAY if skips else bits
+                out = max(passed, spans[begin][end - begin - 1][1] + BLOCK_GATE_DELAY)
+                found.append((out, max(done, bits if skips else out), (*sizes, end - begin)))
         if found:
-            carry[end] = min(found)
-    return carry.get(width, (inf, ()))
+            carry[end] = min(found, key=lambda f: f[1::-1] if end == width else f)
+    _, time, blocks = carry.get(width, (inf, inf, ()))
+    return time, blocks
 
 
 def _reduced(columns: list[list[Bit]], in_levels: bool) -> tuple[list[list[Bit]], Bit | None, list[Node]]:
@@ -224,7 +236,9 @@ def _ripple(rows: list[list[Bit]], carry: Bit | None, nodes: list[Node]) -> tupl
     return results, carry
 
 
-def _increment(partial: list[Bit | None], partial_carry: Bit | None, carry: Bit, nodes: list[Node]) -> tuple[list[Bit], Bit]:
+def _increment(
+    partial: list[Bit | None], partial_carry: Bit | None, carry: Bit, skips: bool, nodes: list[Node],
+) -> tuple[list[Bit], Bit]:
     """Add a carry to the sum of a block, with at most five bits behind one gate; returns the sum and the carry out."""
     results: list[Bit | None] = []
     ripple, ones = carry, []  # the carry into the next bit is the AND of `ripple` and all of `ones`
@@ -236,11 +250,21 @@ def _increment(partial: list[Bit | None], partial_carry: Bit | None, carry: Bit,
             ripple, ones = into, []
         results.append(_gate("XOR2", [bit, into], nodes))
         ones.append(bit)
+    if skips:
+        ripple, ones = carry, [_all(partial, nodes)]
     if partial_carry is None:
         return results, _gate(f"AND{len(ones) + 1}", [ripple, *ones], nodes)
     *most, last = ripple, *ones
     first = most[0] if len(most) == 1 else _gate(f"AND{len(most)}", most, nodes)
     return results, _gate("AO21", [first, last, partial_carry], nodes)
+
+
+def _all(bits: list[Bit], nodes: list[Node]) -> Bit:
+    """Whether all bits are ones."""
+    while len(bits) > 1:
+        parts = [bits[i : i + 5] for i in range(0, len(bits), 5)]
+        bits = [part[0] if len(part) == 1 else _gate(f"AND{len(part)}", part, nodes) for part in parts]
+    return bits[0]
 
 
 def _gate(kind: str, inputs: list[Bit], nodes: list[Node]) -> Bit:

@@ -1,14 +1,15 @@
 """Stage one of the tile merge unit: counts the intersections of each tile.
 
-One memory holds all counters. An intersection reads its tile's counter in one cycle and writes it back, incremented, in the
-next. If the very next intersection is in the same tile, the value it reads is old, and it takes the sum from the register
-behind the incrementer instead. A full counter is not written, so a full counter that is read is never old. The sums over the
-frame follow two cycles behind the incrementer::
+One memory holds all counters. An intersection reads its tile's counter in one cycle, increments it in the next, and writes it
+back in the third, because the memory's output, an incrementer and the memory's input do not fit into one cycle. If one of the
+next two intersections is in the same tile, the value it reads is old, and it takes the sum from a register instead. A full
+counter is written back as it is. The sums over the frame follow two cycles behind the incrementer::
 
     cycle        0      1      2      3      4      5
     hits     < tile 7 >< tile 7 >< tile 7 >
-    read               <  4   ><  4   ><  5   >     the memory's output; not used right after a write of the same address
+    read               <  4   ><  4   ><  4   >     the memory's output; used only by the first of them
     sum                <  5   ><  6   ><  7   >
+    written                    <  5   ><  6   ><  7   >
     total       <  4                 ><  5   ><  6   ><  7   >
 
 When all intersections of the frame are counted, the counters are swept in tile order, one per cycle, and each is cleared right
@@ -94,15 +95,17 @@ class TileCounters(wiring.Component):
         depth = frame_lists(self.config)
         m.submodules.counters = counters = memory.Memory(shape=self.count_bits, depth=depth, init=[])
         write, read = counters.write_port(), counters.read_port()
-        clearing, counted = Signal(range(depth)), self._sum(m)
+        clearing, counted, late = Signal(range(depth)), self._sum(m), Signal(self._late_layout())
+        m.d.sync += late.valid.eq(0)
+        m.d.comb += [write.en.eq(late.valid), write.addr.eq(late.tile), write.data.eq(late.count)]
         with m.FSM():
             with m.State("CLEAR"):
-                m.d.comb += [self.busy.eq(1), write.en.eq(1), write.addr.eq(clearing)]
+                m.d.comb += [self.busy.eq(1), write.en.eq(1), write.addr.eq(clearing), write.data.eq(0)]
                 m.d.sync += clearing.eq(clearing + 1)
                 with m.If(clearing == depth - 1):
                     m.next = "COUNT"
             with m.State("COUNT"):
-                with m.If(self._count(m, write, read, counted)):
+                with m.If(self._count(m, read, counted, late)):
                     m.next = "SETTLING"
             with m.State("SETTLING"):
                 m.d.comb += self.busy.eq(1)
@@ -116,6 +119,10 @@ class TileCounters(wiring.Component):
                 with m.If(self._sweep(m, write, read)):
                     m.next = "COUNT"
         return m
+
+    def _late_layout(self) -> data.StructLayout:
+        """A count that is written back in this cycle."""
+        return data.StructLayout({"valid": 1, "tile": shape(list_index(self.config)), "count": self.count_bits})
 
     def _sum(self, m: Module) -> data.View:
         """Adds up the frame's sums from the one-bit events returned, which are registered: the memory leaves little time."""
@@ -135,32 +142,34 @@ class TileCounters(wiring.Component):
         return counted
 
     def _count(
-        self, m: Module, write: wiring.PureInterface, read: wiring.PureInterface, counted: data.View,
+        self, m: Module, read: wiring.PureInterface, counted: data.View, late: data.View,
     ) -> Value:
-        """Counts one intersection per cycle; returns whether the frame ends. The last one is written in the cycle of `end`."""
+        """Counts one intersection per cycle; returns whether the frame ends. The last one is written at the latest in the cycle
+        after `end`."""
         hit, begun = self.hits.payload, Signal()
         taken = self.hits.valid
         counts, within = taken & ~hit.end, hit.tile < self.tile_count
-        update, again = Signal(), Signal()
-        tile, summed = Signal(len(hit.tile), reset_less=True), Signal(self.count_bits, reset_less=True)
+        update, tile = Signal(), Signal(len(hit.tile), reset_less=True)
+        known, sure = Signal(), Signal(self.count_bits, reset_less=True)  # the count of the item of `tile`, if the memory lacks it
         m.d.comb += [self.busy.eq(begun), self.hits.ready.eq(1), read.en.eq(counts & within), read.addr.eq(hit.tile)]
         m.d.sync += [update.eq(counts & within), tile.eq(hit.tile)]
 
         # `after` is count + 1 without a carry chain, because the read of the memory leaves little time in the cycle.
         count, after = Signal(self.count_bits), Signal(self.count_bits)
+        full = count.all()
         m.d.comb += [
-            count.eq(Mux(again, summed, read.data)),
-            after.eq(Cat(~count[0], *(bit ^ count[:place].all() for place, bit in enumerate(count) if place))),
-            write.en.eq(update & ~count.all()),
-            write.addr.eq(tile),
-            write.data.eq(after),
+            count.eq(Mux(known, sure, read.data)),
+            after.eq(Cat(~count[0], *(bit ^ count[:place].all() for place, bit in enumerate(count) if place))
+                     | full.replicate(self.count_bits)),
             counted.begins.eq(taken & ~begun),
-            counted.more.eq(write.en),
+            counted.more.eq(update & ~full),
             counted.first.eq(update & (count == 0)),
-            counted.lost.eq(update & count.all()),
+            counted.lost.eq(update & full),
             counted.astray.eq(counts & ~within),
         ]
-        m.d.sync += [summed.eq(after), again.eq(write.en & (tile == hit.tile))]
+        again = update & (tile == hit.tile)
+        m.d.sync += [late.valid.eq(update), late.tile.eq(tile), late.count.eq(after)]
+        m.d.sync += [sure.eq(Mux(again, after, late.count)), known.eq(again | late.valid & (late.tile == hit.tile))]
         with m.If(taken):
             m.d.sync += begun.eq(~hit.end)
         return taken & hit.end

@@ -82,16 +82,17 @@ def page_origins(m: Module, tiles: int, slot: Slot, free: Signal, advance: Signa
     m.submodules.origins = origins = memory.Memory(shape=UNIT_BITS, depth=tiles, init=[])
     write, read = origins.write_port(), origins.read_port()
     before, origin = Signal(UNIT_BITS, reset_less=True), Signal(UNIT_BITS)
-    units = slot.place[PAGE_LOW:]
+    units, allocated = slot.place[PAGE_LOW:], Signal(UNIT_BITS)
+    m.d.comb += allocated.eq(free - units)
     with m.If(slot.begins):
-        m.d.comb += origin.eq(free - units)
+        m.d.comb += origin.eq(allocated)
     with m.Elif(units == 1):  # a first page
         m.d.comb += origin.eq(slot.item.tile - 1)
     with m.Else():
         m.d.comb += origin.eq(Mux(slot.again, before, read.data))
     m.d.comb += [
         read.addr.eq(slot.next_tile), read.en.eq(advance),
-        write.addr.eq(slot.item.tile), write.data.eq(origin), write.en.eq(begins),
+        write.addr.eq(slot.item.tile), write.data.eq(allocated), write.en.eq(begins),
     ]
     with m.If(advance):
         m.d.sync += before.eq(origin)
@@ -115,7 +116,7 @@ class IntersectionWriter(wiring.Component):
         writes_idle: all writes that were taken are in memory.
         directory_base, entries_base, entries_beats: first beats of the directory and of the intersections, and the size of the
             region of intersections; stable while `busy`.
-        tile_count: number of tiles of the frame, 1 or more; stable while `busy`.
+        tile_count: number of tiles of the frame, 1 or more; stable from the cycle before a frame's first item while `busy`.
         full: there was no free space for an intersection: the region has too few beats for the frame's first pages or for the
             page that the intersection needed, or its tile has all its pages. This intersection and all that follow are neither
             written nor passed on. High until the next frame's first item.
@@ -159,6 +160,8 @@ class IntersectionWriter(wiring.Component):
     def elaborate(self, platform: object) -> Module:
         m = Module()
         advance, passed, begun, taken = Signal(), Signal(), Signal(), Signal()
+        self._tiles = Signal.like(self.tile_count, name="tiles", reset_less=True)  # a copy, as the port comes from far away
+        m.d.sync += self._tiles.eq(self.tile_count)
         m.submodules.taking = entries = Skid(self.entries.payload.shape())  # `advance` comes late, and the tile test is long
         wiring.connect(m, wiring.flipped(self.entries), entries.sink)
         m.d.comb += taken.eq(entries.source.valid & entries.source.ready)
@@ -212,11 +215,11 @@ class IntersectionWriter(wiring.Component):
                     with m.If(item.end):
                         m.next = "LAST"
             with m.State("LAST"):
-                m.d.sync += clearing.eq(self.tile_count - 1)
+                m.d.sync += clearing.eq(self._tiles - 1)
                 with m.If(passed):
                     m.next = "CLEAR"
         with m.If(advance):
-            m.d.sync += [valid.eq(taken), entry.eq(item), inside.eq(taken & ~item.end & (item.tile < self.tile_count))]
+            m.d.sync += [valid.eq(taken), entry.eq(item), inside.eq(taken & ~item.end & (item.tile < self._tiles))]
             m.d.sync += [again.eq(inside & (entry.tile == item.tile)), summed.eq(place + 1)]
             m.d.sync += [again_later.eq(slot.inside & (slot.item.tile == item.tile)), before.eq(summed)]
             m.d.sync += [slot.valid.eq(valid), slot.item.eq(entry), slot.inside.eq(inside), slot.place.eq(place)]
@@ -251,7 +254,7 @@ class IntersectionWriter(wiring.Component):
         with m.Elif(links & room):
             m.d.sync += linked.eq(1)
         with m.If(~begun):
-            m.d.sync += [free.eq(self.tile_count), left.eq(self.entries_beats[BEAT_BITS - UNIT_BITS :] - self.tile_count)]
+            m.d.sync += [free.eq(self._tiles), left.eq(self.entries_beats[BEAT_BITS - UNIT_BITS :] - self._tiles)]
             with m.If(taken):
                 m.d.sync += self.full.eq(0)
         with m.Elif(advance & slot.inside):

@@ -128,9 +128,9 @@ def test_blocks_must_fit() -> None:
         add_up([[Bit(net=2)], [Bit(net=3)]], (3,))
 
 
-def delay(width: int, blocks: tuple[int, ...]) -> float:
+def delay(width: int, blocks: tuple[int, ...], *, skips: bool = False) -> float:
     """Estimated time of a sum of two numbers."""
-    results, _ = add_up([[Bit(net=2 * c), Bit(net=2 * c + 1)] for c in range(width)], blocks)
+    results, _ = add_up([[Bit(net=2 * c), Bit(net=2 * c + 1)] for c in range(width)], blocks, skips=skips)
     return max(bit.time for bit in results if bit is not None)
 
 
@@ -145,6 +145,14 @@ def test_blocks_are_chosen_by_width(width: int) -> None:
     assert delay(width, fastest) <= delay(width, shorter)
 
 
+def test_a_carry_that_skips_blocks_is_faster() -> None:
+    """It is chosen where blocks alone are too slow, and only there."""
+    columns = [[Bit(net=2 * c), Bit(net=2 * c + 1)] for c in range(52)]
+    fastest = choose_blocks(columns, 1.0)
+    assert fastest.skips and delay(52, fastest.blocks, skips=True) <= delay(52, fastest.blocks) - 100
+    assert not choose_blocks(columns, delay(52, ()) - 60).skips
+
+
 def test_a_constant_carries_too() -> None:
     """A counter: its ripple begins at the one that is added."""
     columns = [[Bit(net=2), Bit(net="1")], *([Bit(net=3 + c)] for c in range(23))]
@@ -156,6 +164,6 @@ def test_products_in_levels_are_faster() -> None:
     def columns() -> list[list[Bit]]:
         return [[Bit(product=(2, 3)) for _ in range(min(c + 1, 31 - c))] for c in range(32)]
 
-    _, blocks, in_levels = choose_blocks(columns(), 1.0)
-    times = [max(bit.time for bit in add_up(columns(), *cut)[0] if bit) for cut in (((), False), (blocks, in_levels))]
-    assert in_levels and times[1] < 0.7 * times[0]
+    fastest = choose_blocks(columns(), 1.0)
+    times = [max(bit.time for bit in add_up(columns(), *cut)[0] if bit) for cut in ((), fastest[1:])]
+    assert fastest.in_levels and times[1] < 0.7 * times[0]
