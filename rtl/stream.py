@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from amaranth.hdl import Cat, Module, Mux, ShapeLike, Signal
-from amaranth.lib import stream, wiring
+from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 
@@ -13,6 +13,14 @@ def _check_count(count: int) -> None:
         raise TypeError(f"count must be an integer, not {count!r}")
     if count < 1:
         raise ValueError(f"count must be 1 or more, not {count!r}")
+
+
+def payload_register(m: Module, source: wiring.PureInterface) -> Signal | data.View:
+    """The register behind the payload of a stream. It has no reset, because a payload means nothing while `valid` is low, and
+    synthesis gates only the clocks of registers without one."""
+    held = Signal.like(source.payload, name="held_payload", reset_less=True)
+    m.d.comb += source.payload.eq(held)
+    return held
 
 
 class Buffer(wiring.Component):
@@ -37,14 +45,14 @@ class Buffer(wiring.Component):
     def elaborate(self, platform: object) -> Module:
         m = Module()
         sink, source = self.sink, self.source
-        spare, spare_valid = Signal.like(sink.payload, reset_less=True), Signal()
+        spare, spare_valid, held = Signal.like(sink.payload, reset_less=True), Signal(), payload_register(m, source)
         m.d.comb += sink.ready.eq(~spare_valid)
         with m.If(source.ready | ~source.valid):
             m.d.sync += [source.valid.eq(sink.valid | spare_valid), spare_valid.eq(0)]
             with m.If(spare_valid):
-                m.d.sync += source.payload.eq(spare)
+                m.d.sync += held.eq(spare)
             with m.Elif(sink.valid):
-                m.d.sync += source.payload.eq(sink.payload)
+                m.d.sync += held.eq(sink.payload)
         with m.Elif(sink.valid & ~spare_valid):
             m.d.sync += [spare.eq(sink.payload), spare_valid.eq(1)]
         return m

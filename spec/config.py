@@ -314,6 +314,8 @@ TINY_V3 = TINY.with_(
     name="tiny_v3", order="spatial", chunks=True, records="compact", lists="supertile", list_heads=128, header_lines=16,
     batch_places=64)
 PAPER = AcceleratorConfig(name="paper")
+PAPER_EYES = PAPER.with_(name="paper_eyes", stereo=True)
+"""PAPER with a warp unit for the second eye."""
 PAPER_BASE = PAPER.with_(name="paper_base", incremental=False, lockstep=True)
 """The baseline that the paper's text describes, as we read it: double buffers with one tile in each half on both sides of
 sorter and array, swapped when both are done, and rows that leave before the next tile begins. Frames are rendered on it without
@@ -367,8 +369,8 @@ banks are in memories, a smaller sorter, short formats, and no depth (docs/fpga.
 CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER, V3, *PRESETS.values())}
 
 MACHINES = CONFIGS | {config.name: config for config in (
-    TINY_V3, TINY_STREAMS, TINY_EYES, TINY_EYES_WARP, TINY_OVERLAP, TINY_EYES_OVERLAP, FPGA, PAPER_BASE, PAPER_SMALL,
-    V3_RECORDS, V3_PACKED, V3_STREAMS, V3_STREAMS_PACKED, V3_EYES, V3_EYES_STREAMS, V3_EYES_LARGE, V3_EYES_WARP, V3_OVERLAP,
-    V3_EYES_OVERLAP, HEADSET)}
+    TINY_V3, TINY_STREAMS, TINY_EYES, TINY_EYES_WARP, TINY_OVERLAP, TINY_EYES_OVERLAP, FPGA, PAPER_EYES, PAPER_BASE,
+    PAPER_SMALL, V3_RECORDS, V3_PACKED, V3_STREAMS, V3_STREAMS_PACKED, V3_EYES, V3_EYES_STREAMS, V3_EYES_LARGE, V3_EYES_WARP,
+    V3_OVERLAP, V3_EYES_OVERLAP, HEADSET)}
 """What command lines take as a machine's name: those above, small ones for tests, the paper's baseline, PAPER with a smaller
 front end, and the steps from PAPER to V3 and beyond."""

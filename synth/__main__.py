@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from spec.command_line import command_parser
-from spec.config import CONFIGS, PAPER, AcceleratorConfig
+from spec.config import MACHINES, PAPER, AcceleratorConfig
 from spec.effects import with_two_eyes
 from spec.errors import InputError, run_command_line
 from spec.overrides import add_config_arguments, config_from, config_record
@@ -143,7 +143,7 @@ def _timing(args: argparse.Namespace) -> int:
 
 def _config(args: argparse.Namespace) -> AcceleratorConfig:
     """The machine of the command line."""
-    if args.config.lower() in CONFIGS:
+    if args.config.lower() in MACHINES:
         args.config = args.config.lower()
     config = config_from(args)
     return with_two_eyes(config) if args.stereo else config

@@ -12,6 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
@@ -24,8 +25,10 @@ from synth.adders import map_adders
 from synth.broadcast import buffer_broadcasts
 from synth.heap import Cut
 from synth.liberty import Technology
+from synth.loads import Pins, pins_of
 from synth.memories import LIMIT, Macro, take_out
 from synth.quiet import printing_to
+from synth.sizing import resize
 
 Result = TypeVar("Result")
 
@@ -116,6 +119,9 @@ def synthesise(
         f"write_json {description}", log=log,
     )
     _edit(description, lambda modules: buffer_broadcasts(modules[top], boxes, t.broadcast_buffer))
+    if t.drive_ff is not None:
+        cells, drive_ff = _pins(liberty), t.drive_ff
+        _edit(description, lambda modules: resize(modules[top], cells, drive_ff, t.gate_load_ff))
     verilog, statistics = folder / f"{top}.v", folder / f"{top}.stat"
     run(
         f"read_json {description}", f"hierarchy -top {top}",
@@ -167,6 +173,12 @@ def count_nand2(
     if unknown:
         raise RuntimeError(f"generic netlist of {top} holds {sorted(unknown)}")
     return Netlist(verilog, sum(weights[kind] * n for kind, n in cells.items()), cells, Counter(macros), stores, {})
+
+
+@cache
+def _pins(liberty: Path) -> dict[str, Pins]:
+    """The pins of a library's cells, which every run needs."""
+    return pins_of(liberty)
 
 
 def _edit(path: Path, change: Callable[[dict], Result]) -> Result:

@@ -40,6 +40,8 @@ class Technology:
         load: load of the unit's outputs, in the liberty's unit of capacitance.
         gate_load_ff: load in fF that ABC assumes at its outputs: one pin of a full adder.
         time_unit_ps: time unit of the liberty file in ps.
+        drive_ff: the most that a cell of size 1 should drive in fF; larger sizes drive as much more (`synth.sizing`). None
+            leaves sizes as ABC chooses them.
         delay: delay of its gates relative to ASAP7, for estimates of the time at which a sum is ready (`synth.heap`).
         elsewhere: further folders to search for the files if MSV2_PDK does not have them.
         package: module and class by which the Python package lambdapdk knows the library.
@@ -63,6 +65,7 @@ class Technology:
     load: float
     gate_load_ff: float
     time_unit_ps: float
+    drive_ff: float | None = None
     delay: float = 1.0
     elsewhere: tuple[str, ...] = ()
     package: tuple[str, str] | None = None
@@ -92,6 +95,7 @@ ASAP7 = Technology(
     load=2.0,
     gate_load_ff=1.6,
     time_unit_ps=1.0,
+    drive_ff=8.0,
     package=("lambdapdk.asap7.libs.asap7sc7p5t", "ASAP7SC7p5RVT"),
 )
 

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from spec.config import CONFIGS, AcceleratorConfig
+from spec.config import MACHINES, AcceleratorConfig
 from spec.errors import InputError
 from spec.paths import BUILD, REPORTS
 from spec.sources import fingerprint, sources_of
@@ -184,7 +184,7 @@ def stale(budget: Budget, folder: Path = BUILD / "synth") -> list[str]:
 
     The machine is elaborated only where a source changed on which its RTL depends.
     """
-    config = CONFIGS[budget.config]
+    config = MACHINES[budget.config]
     if _sources(config) == budget.sources:
         return []
     design = machine_design(config, folder)

@@ -22,8 +22,10 @@ def opacity(config: AcceleratorConfig, code: Value) -> Value:
 
 
 def base_colour(config: AcceleratorConfig, code: Value, coarse: Value, dc_range: Value) -> Value:
-    """The raw `sh_dc` of a base colour's code."""
+    """The raw `sh_dc` of a base colour's code. Whether it saturates is told by the code, so that no comparison waits for the
+    difference and the shift."""
     number = config.formats.sh_dc
     steps = Mux(coarse, code << DC_COARSE_SHIFT, code)
-    raw = as_integer(steps << dc_range) - as_integer(Const(DC_LOW) << dc_range)
-    return modular(Mux(raw > number.raw_max, number.raw_max, raw), number)
+    most = Array(Const(DC_LOW + (number.raw_max >> shift)) for shift in range(1 << len(dc_range)))[dc_range]
+    raw = (as_integer(steps) - DC_LOW) << dc_range
+    return modular(Mux(steps > most, number.raw_max, raw), number)

@@ -12,6 +12,7 @@ from amaranth.lib.wiring import In, Out
 from rtl.culling.colour_sum import basis_layout, tree
 from rtl.culling.harmonics import basis_name
 from rtl.shapes import layout, shape
+from rtl.stream import payload_register
 from spec.compact import (
     BAND_BITS,
     BAND_EXPONENT_BITS,
@@ -139,6 +140,7 @@ class CompactColourSum(wiring.Component):
     def elaborate(self, platform: object) -> Module:
         m = Module()
         self._step, self._first, self._last, self._move = Signal(), Signal(), Signal(), Signal()
+        self._summed = payload_register(m, self.sums)
         number = Signal(range(max(self._steps, 2)))
         enough = self._beats(m)
         m.d.comb += [
@@ -204,7 +206,7 @@ class CompactColourSum(wiring.Component):
         with m.If(self._move):
             m.d.sync += sums.valid.eq(self._step)
         with m.If(self._step):
-            m.d.sync += [sums.payload.codes.eq(self._codes()), sums.payload.carried.eq(self.basis.payload.carried)]
+            m.d.sync += [self._summed.codes.eq(self._codes()), self._summed.carried.eq(self.basis.payload.carried)]
 
     def _pipeline(self, m: Module, number: Signal) -> None:
         """Registers for operands, for products, for the groups' sums, and for the sums."""
@@ -227,7 +229,7 @@ class CompactColourSum(wiring.Component):
         with m.If(lasts[0] & self._move):
             m.d.sync += [codes[1].eq(codes[0]), carried[1].eq(carried[0])]
         with m.If(lasts[2] & self._move):
-            m.d.sync += [sums.payload.codes.eq(codes[1]), sums.payload.carried.eq(carried[1])]
+            m.d.sync += [self._summed.codes.eq(codes[1]), self._summed.carried.eq(carried[1])]
         self._multiply(m, number, valid, starts, lasts)
 
     def _multiply(self, m: Module, number: Signal, valid: Signal, starts: Signal, lasts: Signal) -> None:
@@ -266,7 +268,7 @@ class CompactColourSum(wiring.Component):
             with m.If(valid[2] & self._move):
                 m.d.sync += running.eq(now)
             with m.If(lasts[2] & self._move):
-                m.d.sync += self.sums.payload.total[c].eq(now)
+                m.d.sync += self._summed.total[c].eq(now)
 
     def _operands(
         self, m: Module, step: int, basis: list[Signal], rest: dict[int, list[Signal]], shifts: list[Signal],

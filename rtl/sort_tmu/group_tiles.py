@@ -24,6 +24,7 @@ from amaranth.lib.wiring import In, Out
 
 from rtl.shapes import layout
 from rtl.sort_tmu.tile_counters import tile_count_layout
+from rtl.stream import payload_register
 from spec.config import AcceleratorConfig
 from spec.records import COUNT_BITS, tile_group
 
@@ -89,7 +90,7 @@ class GroupTiles(wiring.Component):
             m.d.sync += placed_valid.eq(advances)
         with m.If(~source.valid | source.ready):
             m.d.sync += source.valid.eq(leaves)
-        group, out, last = Signal.like(source.payload.group, reset_less=False), source.payload, closed | before
+        group, out, last = Signal(len(source.payload.group)), payload_register(m, source), closed | before
         with m.If(leaves):
             m.d.sync += [out.tile.eq(placed.tile), out.count.eq(placed.count), out.group.eq(group), out.last.eq(last)]
             # `last` is on the critical path, so it drives only a multiplexer and an enable, and no adder waits for it

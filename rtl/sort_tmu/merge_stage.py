@@ -21,6 +21,7 @@ from amaranth.lib import data, enum, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.sort_tmu.order import less
+from rtl.stream import payload_register
 
 
 class Kind(enum.Enum, shape=unsigned(2)):  # type: ignore[call-arg]
@@ -195,7 +196,7 @@ class MergeStage(wiring.Component):
     def _emit(self, m: Module, head: data.View, moves: Value, pair_ends: Value, last: Value, alone: Value) -> None:
         """Drives the output register. The merged pairs of a chunk alternate as first and second runs of the next stage."""
         initial, odd = Signal(init=1), Signal()
-        out = self.source.payload
+        out = payload_register(m, self.source)
         with m.If(~self.source.valid | self.source.ready):
             m.d.sync += self.source.valid.eq(moves)
         with m.If(moves):

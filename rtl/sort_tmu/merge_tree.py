@@ -16,6 +16,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.sort_tmu.order import less
+from rtl.stream import payload_register
 
 
 def run_layout(width: int) -> data.StructLayout:
@@ -46,7 +47,7 @@ class MergeNode(wiring.Component):
         m = Module()
         # gone[i]: the run of side i has ended, the other has not
         heads, gone = [sink.payload for sink in self.sinks], Signal(2)
-        free, moves, side = Signal(), Signal(), Signal()
+        free, moves, side, merged = Signal(), Signal(), Signal(), payload_register(m, self.source)
         here = [gone[i] | sink.valid & ~sink.payload.blank for i, sink in enumerate(self.sinks)]
         head = data.View(self._layout, Mux(side, heads[1], heads[0]))
         # only two blanks set both bits; otherwise the merged run ends with the run that ends second
@@ -67,11 +68,7 @@ class MergeNode(wiring.Component):
         with m.If(free):
             m.d.sync += self.source.valid.eq(moves)
         with m.If(moves):
-            m.d.sync += [
-                self.source.payload.word.eq(head.word),
-                self.source.payload.last.eq(ends),
-                self.source.payload.blank.eq(blank),
-            ]
+            m.d.sync += [merged.word.eq(head.word), merged.last.eq(ends), merged.blank.eq(blank)]
         return m
 
 

@@ -22,6 +22,8 @@ runs only after a reset, because a reset may interrupt a frame and the memory ma
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
@@ -39,6 +41,13 @@ def tile_count_layout(config: AcceleratorConfig) -> data.StructLayout:
 def total_bits(config: AcceleratorConfig) -> int:
     """Bits of the number of intersections of a frame."""
     return COUNT_BITS + frame_lists(config).bit_length()
+
+
+class _Late(NamedTuple):
+    """A count on its way into the memory."""
+
+    valid: Signal
+    payload: data.View
 
 
 class TileCounters(wiring.Component):
@@ -95,9 +104,9 @@ class TileCounters(wiring.Component):
         depth = frame_lists(self.config)
         m.submodules.counters = counters = memory.Memory(shape=self.count_bits, depth=depth, init=[])
         write, read = counters.write_port(), counters.read_port()
-        clearing, counted, late = Signal(range(depth)), self._sum(m), Signal(self._late_layout())
+        clearing, counted, late = Signal(range(depth)), self._sum(m), self._late()
         m.d.sync += late.valid.eq(0)
-        m.d.comb += [write.en.eq(late.valid), write.addr.eq(late.tile), write.data.eq(late.count)]
+        m.d.comb += [write.en.eq(late.valid), write.addr.eq(late.payload.tile), write.data.eq(late.payload.count)]
         with m.FSM():
             with m.State("CLEAR"):
                 m.d.comb += [self.busy.eq(1), write.en.eq(1), write.addr.eq(clearing), write.data.eq(0)]
@@ -120,9 +129,10 @@ class TileCounters(wiring.Component):
                     m.next = "COUNT"
         return m
 
-    def _late_layout(self) -> data.StructLayout:
-        """A count that is written back in this cycle."""
-        return data.StructLayout({"valid": 1, "tile": shape(list_index(self.config)), "count": self.count_bits})
+    def _late(self) -> _Late:
+        """The count that is written back in this cycle."""
+        written = data.StructLayout({"tile": shape(list_index(self.config)), "count": self.count_bits})
+        return _Late(Signal(name="late"), Signal(written, name="written", reset_less=True))
 
     def _sum(self, m: Module) -> data.View:
         """Adds up the frame's sums from the one-bit events returned, which are registered: the memory leaves little time."""
@@ -142,7 +152,7 @@ class TileCounters(wiring.Component):
         return counted
 
     def _count(
-        self, m: Module, read: wiring.PureInterface, counted: data.View, late: data.View,
+        self, m: Module, read: wiring.PureInterface, counted: data.View, late: _Late,
     ) -> Value:
         """Counts one intersection per cycle; returns whether the frame ends. The last one is written at the latest in the cycle
         after `end`."""
@@ -150,7 +160,7 @@ class TileCounters(wiring.Component):
         taken = self.hits.valid
         counts, within = taken & ~hit.end, hit.tile < self.tile_count
         update, tile = Signal(), Signal(len(hit.tile), reset_less=True)
-        known, sure = Signal(), Signal(self.count_bits, reset_less=True)  # the count of the item of `tile`, if the memory lacks it
+        known, sure = Signal(), Signal(self.count_bits, reset_less=True)  # the count of `tile`, if the memory lacks it
         m.d.comb += [self.busy.eq(begun), self.hits.ready.eq(1), read.en.eq(counts & within), read.addr.eq(hit.tile)]
         m.d.sync += [update.eq(counts & within), tile.eq(hit.tile)]
 
@@ -168,8 +178,9 @@ class TileCounters(wiring.Component):
             counted.astray.eq(counts & ~within),
         ]
         again = update & (tile == hit.tile)
-        m.d.sync += [late.valid.eq(update), late.tile.eq(tile), late.count.eq(after)]
-        m.d.sync += [sure.eq(Mux(again, after, late.count)), known.eq(again | late.valid & (late.tile == hit.tile))]
+        m.d.sync += [late.valid.eq(update), late.payload.tile.eq(tile), late.payload.count.eq(after)]
+        m.d.sync += [sure.eq(Mux(again, after, late.payload.count)),
+                     known.eq(again | late.valid & (late.payload.tile == hit.tile))]
         with m.If(taken):
             m.d.sync += begun.eq(~hit.end)
         return taken & hit.end

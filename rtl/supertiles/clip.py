@@ -7,6 +7,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.shapes import layout
+from rtl.stream import payload_register
 from spec.config import AcceleratorConfig
 from spec.constants import SUPER_TILES, SUPER_X, SUPER_Y
 from spec.joint import EYES
@@ -77,6 +78,7 @@ class SuperTileClip(wiring.Component):
         left, final, taken = Signal(COUNT_BITS + self._joint), Signal(), Signal()  # left: the super-tile's splats to come
         start = {axis: Signal(TILE_BITS, name=f"start_{axis}", reset_less=True) for axis in "xy"}
         out, item, tile = self.clipped, self.splats.payload, self.supertiles.payload
+        clipped = payload_register(m, out)
         m.d.comb += [
             final.eq(left == 1),
             self.splats.ready.eq((~out.valid | out.ready) & (~self.rendering | left.any())),
@@ -87,20 +89,20 @@ class SuperTileClip(wiring.Component):
         with m.If(out.ready):
             m.d.sync += out.valid.eq(0)
         with m.If(taken):
-            m.d.sync += [out.valid.eq(1), out.payload.eq(item), left.eq(left - self.rendering)]
+            m.d.sync += [out.valid.eq(1), clipped.eq(item), left.eq(left - self.rendering)]
             for axis, places in _PLACES.items():
                 first, last, begin = item[f"first_{axis}"], item[f"last_{axis}"], start[axis][places:]
                 with m.If(self.rendering & (first[places:] != begin)):  # the box begins before the super-tile
-                    m.d.sync += out.payload[f"first_{axis}"].eq(begin << places)
+                    m.d.sync += clipped[f"first_{axis}"].eq(begin << places)
                 with m.If(self.rendering & (last[places:] != begin)):  # it ends behind it
-                    m.d.sync += out.payload[f"last_{axis}"].eq((begin << places) | ((1 << places) - 1))
+                    m.d.sync += clipped[f"last_{axis}"].eq((begin << places) | ((1 << places) - 1))
         begins = self.supertiles.valid & self.supertiles.ready
         if self._joint:
-            self._miss(m, item, taken, start)
+            self._miss(m, item, clipped, taken, start)
         if self._warps:
             wanted = Signal(tile.wanted.shape(), reset_less=True)
             with m.If(taken):
-                m.d.sync += out.payload.wanted.eq(Mux(item.eye, wanted[1], wanted[0]))
+                m.d.sync += clipped.wanted.eq(Mux(item.eye, wanted[1], wanted[0]))
             with m.If(begins):
                 m.d.sync += wanted.eq(tile.wanted)
         elif self._joint:
@@ -112,14 +114,14 @@ class SuperTileClip(wiring.Component):
             m.d.sync += [left.eq(pairs), start["x"].eq(tile.x), start["y"].eq(tile.y)]
         return m
 
-    def _miss(self, m: Module, item: data.View, taken: Value, start: dict[str, Signal]) -> None:
+    def _miss(self, m: Module, item: data.View, clipped: data.View, taken: Value, start: dict[str, Signal]) -> None:
         """Gives splats without a tile in the super-tile a box there, and marks them."""
         places = {axis: (item[f"first_{axis}"][bits:], item[f"last_{axis}"][bits:], start[axis][bits:])
                   for axis, bits in _PLACES.items()}
         beside = Cat((first > begin) | (last < begin) for first, last, begin in places.values()).any()
         with m.If(taken & self.rendering & (item.none | beside)):
-            m.d.sync += self.clipped.payload.none.eq(1)
+            m.d.sync += clipped.none.eq(1)
             for axis, bits in _PLACES.items():
                 begin = places[axis][2] << bits
-                m.d.sync += [self.clipped.payload[f"first_{axis}"].eq(begin),
-                             self.clipped.payload[f"last_{axis}"].eq(begin | ((1 << bits) - 1))]
+                m.d.sync += [clipped[f"first_{axis}"].eq(begin),
+                             clipped[f"last_{axis}"].eq(begin | ((1 << bits) - 1))]

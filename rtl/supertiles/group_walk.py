@@ -10,6 +10,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from rtl.culling.level_table import GROUP_PLACES
+from rtl.stream import payload_register
 from rtl.supertiles.box_steps import carried_step
 from rtl.supertiles.level_table import ROW_PLACES, axis_bits, group_bits, levels_layout, row_bits
 from spec.config import AcceleratorConfig
@@ -149,7 +150,7 @@ class GroupWalk(wiring.Component):
             "last": 1, "end": 1,
             **({"left": tiles, "right": tiles, **_halves(self._config)} if self._config.streams > 1 else {}),
         }), reset_less=True), Signal()
-        moves = Signal()
+        moves, found = Signal(), payload_register(m, out)
         m.d.comb += [moves.eq(~out.valid | out.ready), free.eq(~valid | moves)]
         with m.If(free):
             m.d.sync += valid.eq(leaves)
@@ -174,15 +175,15 @@ class GroupWalk(wiring.Component):
             m.d.sync += out.valid.eq(valid)
         with m.If(moves & valid):
             m.d.sync += [
-                *(out.payload[name].eq(read[name]) for name in (
+                *(found[name].eq(read[name]) for name in (
                     "row", "astride", "group", "touched", "closes", "last", "end")),
-                *(out.payload.passed[i].eq(passed[i]) for i in range(SUPER_Y)), out.payload.levels.eq(Cat(*levels))]
+                *(found.passed[i].eq(passed[i]) for i in range(SUPER_Y)), found.levels.eq(Cat(*levels))]
             if self._config.warps_joint:
-                m.d.sync += [out.payload.level[i][k].eq(self.levels[i][k]) for i in range(SUPER_Y) for k in range(LEVEL_GROUP)]
+                m.d.sync += [found.level[i][k].eq(self.levels[i][k]) for i in range(SUPER_Y) for k in range(LEVEL_GROUP)]
             for q in range(self._config.streams if self._config.streams > 1 else 0):
                 for i in range(SUPER_Y):
                     rows, columns = read.halves[i]["lower" if q >> 1 else "upper"], read["right" if q & 1 else "left"][i]
-                    m.d.sync += out.payload.quarters[q][i].eq(passed[i] & columns & rows.replicate(LEVEL_GROUP))
+                    m.d.sync += found.quarters[q][i].eq(passed[i] & columns & rows.replicate(LEVEL_GROUP))
 
 
 def _between(first: Value, last: Value, group: Value) -> Value:

@@ -11,6 +11,7 @@ from rtl.culling.compact_sum import compact_sum_layout
 from rtl.culling.compact_views import level_codes
 from rtl.culling.views import rounded_colour
 from rtl.shapes import layout, shape
+from rtl.stream import payload_register
 from spec.compact import COARSE_BOUND
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
@@ -98,7 +99,7 @@ class PairPlaces(wiring.Component):
         with m.If(free):
             m.d.sync += places.valid.eq(there)
         with m.If(free & there):
-            m.d.sync += Value.cast(places.payload).eq(self._place(held))
+            m.d.sync += Value.cast(payload_register(m, places)).eq(self._place(held))
         return m
 
     def _take(self, m: Module, splat: data.View, rest: Value, moves: Value, last: Value) -> tuple[Value, Value]:

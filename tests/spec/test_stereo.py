@@ -11,7 +11,7 @@ from spec.config import MACHINES, PAPER, NumberFormats
 from spec.memory import MEMORY_RECORDS
 from spec.records import RECORDS
 
-PLAIN = [c for c in MACHINES.values() if c.depth and not c.supertiles and not c.lockstep]
+PLAIN = [c for c in MACHINES.values() if c.depth and not c.supertiles and not c.lockstep and not c.stereo]
 PAIRS = [(c, c.with_(stereo=True)) for c in PLAIN]
 
 

@@ -4,7 +4,8 @@
     msv2 study run area --builds 1ghz  only some builds; the numbers of the others stay as they are in the report
 
 A build is the machine for two eyes with rows of 1920 pixels; the memories of the warp unit are also reported separately. The
-build `mono` is without the warp unit, and so are those with the names of presets, which have their formats and harmonics.
+build `mono` is without the warp unit, and so are those with the names of presets, which have their formats and harmonics. The
+modules are those that the linked machine is timed with (`synth.whole`): mapped for what clock uncertainty leaves of the clock.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from spec.config import PAPER, V3, AcceleratorConfig
 from spec.errors import InputError
 from spec.paths import REPORTS, ROOT
 from synth.area import AreaReport, machine_area
+from synth.corners import UNCERTAINTY
 from synth.scaling import DELAY_TO_16NM, SOURCE, same_clock
 from synth.settings import MOST_RUNS
 from synth.timing import WIRE_DERATE
@@ -42,6 +44,11 @@ class Build:
     technology: str
     clock_ps: float
     about: str
+
+    @property
+    def mapped_ps(self) -> float:
+        """The clock for which modules are mapped."""
+        return round(self.clock_ps * (1 - UNCERTAINTY))
 
 
 BUILDS = {
@@ -67,24 +74,26 @@ PAPER_MM2, PAPER_SHARES = 2.74, {"array": 0.63, "other logic": 0.30, "SRAM": 0.0
 PAPER_CORES = 256
 
 
-def summary(report: AreaReport, about: str) -> dict[str, object]:
-    """The numbers of a build, as one entry of the report."""
+def summary(report: AreaReport, build: Build) -> dict[str, object]:
+    """The numbers of a build, as one entry of the report. Slack is what is left of `mapped_ps`; the clocks at zero slack have
+    the same share of uncertainty."""
     slack = report.worst_slack_ps()
-    zero = None if slack is None else report.clock_ps - slack
+    zero = None if slack is None else (build.mapped_ps - slack) * build.clock_ps / build.mapped_ps
     late = {row.unit: row.slack_ps for row in report.rows if row.slack_ps is not None and row.slack_ps < 0}
     factor = DELAY_TO_16NM[report.technology]
     return {
-        "about": about, "config": report.config, "stereo": report.stereo, "row_width": report.row_width,
-        "technology": report.technology, "node": report.node, "cell_list": report.cell_list, "clock_ps": report.clock_ps,
+        "about": build.about, "config": report.config, "stereo": report.stereo, "row_width": report.row_width,
+        "technology": report.technology, "node": report.node, "cell_list": report.cell_list, "clock_ps": build.clock_ps,
+        "mapped_ps": build.mapped_ps,
         "mm2_16nm": round(report.total_mm2_16nm(), 4),
         "mm2_16nm_without_warp_memories": round(report.total_mm2_16nm(warp_memories=False), 4),
         "mm2_16nm_logic": round(report.total_mm2_16nm(memories=False), 4),
         "core_um2_16nm": round(report.core_um2_16nm(), 1),
         "area_source": SOURCE, "worst_slack_ps": slack, "late_units": late,
-        "clock_ghz_constraint": round(1e3 / report.clock_ps, 4),
+        "clock_ghz_constraint": round(1e3 / build.clock_ps, 4),
         "clock_ghz_zero_slack": None if zero is None else round(1e3 / zero, 4),
         "clock_ghz_with_wires": None if zero is None else round(1e3 / zero / WIRE_DERATE, 4),
-        "clock_ghz_16nm_constraint": round(1e3 / (report.clock_ps * factor), 4),
+        "clock_ghz_16nm_constraint": round(1e3 / (build.clock_ps * factor), 4),
         "clock_ghz_16nm_zero_slack": None if zero is None else round(1e3 / (zero * factor), 4),
         "groups": {name: {key: round(value, 1) for key, value in sums.items()} for name, sums in report.groups().items()},
     }
@@ -109,8 +118,8 @@ def measure(names: Sequence[str], folder: Path, jobs: int, runs: int, old: dict)
         build = BUILDS[name]
         print(f"{name}: {build.about}", flush=True)
         stamp = commit()
-        area = machine_area(build.config, build.technology, build.clock_ps, folder, jobs, _say, runs)
-        builds[name] = {"commit": stamp, "runs": runs, **summary(area, build.about)}
+        area = machine_area(build.config, build.technology, build.mapped_ps, folder, jobs, _say, runs)
+        builds[name] = {"commit": stamp, "runs": runs, **summary(area, build)}
         found = area.as_json()
         if name == SUPERTILE_LISTS:
             builds[name]["units"] = [_rounded(row) for row in units_of(found["rows"])]

@@ -1,6 +1,6 @@
 """Machines timed as one: writes reports/machine_timing.json, .md, and the stored ports' times, reports/machine_budget.json.
 
-    msv2 study run machine_timing               `paper` and `v3`, at the typical and the slow corner
+    msv2 study run machine_timing               `paper` and `v3`, with one eye and two, at the typical and the slow corner
     msv2 study run machine_timing --configs v3  one of them; the numbers of the other stay as they are
     msv2 study run machine_timing --ports       the budget rule alone: only modules that have changed are mapped and measured
 
@@ -17,7 +17,7 @@ from msv2.studies.machine_timing.page import page
 from msv2.studies.page import write_page
 from msv2.studies.record import commit, liberties, write_report
 from spec.command_line import command_parser
-from spec.config import CONFIGS
+from spec.config import MACHINES
 from spec.errors import InputError
 from spec.paths import REPORTS, ROOT
 from synth.budget import graph, late
@@ -27,8 +27,8 @@ from synth.settings import MOST_RUNS
 from synth.whole import STORE, Budget, WholeTiming, budgets, stored, time_config, time_ports
 from synth.whole_report import summary
 
-MACHINES = ("paper", "v3")
-"""The machines of the report."""
+TIMED = ("paper", "paper_eyes", "v3", "v3_eyes_warp")
+"""The machines of the report: one eye, and two."""
 
 CLOCK_PS = 1000.0
 
@@ -85,8 +85,8 @@ def _read(path: Path) -> dict:
 def main(argv: Sequence[str] | None = None) -> int:
     """Parses the command line, times the machines, and writes the reports; returns the exit status."""
     parser = command_parser("msv2 study run machine_timing", __doc__.splitlines()[0])
-    parser.add_argument("--configs", nargs="+", default=list(MACHINES), metavar="CONFIG",
-                        help=f"machines to time, among {', '.join(MACHINES)} (default: all)")
+    parser.add_argument("--configs", nargs="+", default=list(TIMED), metavar="CONFIG",
+                        help=f"machines to time, among {', '.join(TIMED)} (default: all)")
     parser.add_argument("--jobs", type=int, default=2, help="modules synthesised at a time (default: 2)")
     parser.add_argument("--runs", type=int, default=MOST_RUNS, help=f"most runs of a module (default: {MOST_RUNS})")
     parser.add_argument("--ports", action="store_true",
@@ -96,29 +96,29 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=REPORTS, metavar="DIR",
                         help="folder of the report (default: build/reports; --keep: reports)")
     args = parser.parse_args(argv)
-    unknown = set(args.configs) - set(MACHINES)
+    unknown = set(args.configs) - set(TIMED)
     if unknown:
-        raise InputError(f"configs {', '.join(sorted(unknown))} are not known: {', '.join(MACHINES)} are")
+        raise InputError(f"configs {', '.join(sorted(unknown))} are not known: {', '.join(TIMED)} are")
     path, store = args.out / "machine_timing.json", args.out / STORE.name
     old, kept = _read(path), _read(store)
     rows, measured, stamp = dict(old.get("machines", {})), [], commit()
     for name in args.configs:
         if args.ports:
-            found = time_ports(CONFIGS[name], _budget(name), args.folder, args.jobs, _say, args.runs)
+            found = time_ports(MACHINES[name], _budget(name), args.folder, args.jobs, _say, args.runs)
             rows[name] = _linked_before(rows, name) | {
                 "budget": late_rows(found), "budget_commit": stamp, "budget_runs": args.runs}
         else:
-            found = time_config(CONFIGS[name], args.folder, args.jobs, _say, args.runs, clock_ps=CLOCK_PS, interfaces=True)
+            found = time_config(MACHINES[name], args.folder, args.jobs, _say, args.runs, clock_ps=CLOCK_PS, interfaces=True)
             rows[name] = machine_row(found, stamp, args.runs)
         measured.append(found)
-    rows = {name: rows[name] for name in MACHINES if name in rows}
+    rows = {name: rows[name] for name in TIMED if name in rows}
     report = {
         **worst(rows), "clock_ps": CLOCK_PS, "uncertainty": UNCERTAINTY, "hold_uncertainty_ps": HOLD_UNCERTAINTY_PS,
         "input_slew_ps": INPUT_SLEW_PS, "slew_limit_ps": SLEW_LIMIT_PS,
         "corners": {name: {"node": corner.technology.node, "memory_factor": round(corner.memory_factor, 4),
                            "memory_source": corner.source} for name, corner in CORNERS.items()},
         "machines": rows}
-    used = {"arguments": args, "machines": {name: CONFIGS[name] for name in args.configs}}
+    used = {"arguments": args, "machines": {name: MACHINES[name] for name in args.configs}}
     earlier = args.ports or set(rows) - set(args.configs)
     write_report(path, report, [__name__], used, liberties(), old if earlier else None)
     write_report(store, merged(stored(measured, CLOCK_PS, UNCERTAINTY), kept), [__name__], used, liberties(),
