@@ -32,14 +32,17 @@ from synth.sizing import resize
 
 Result = TypeVar("Result")
 
-ABC_SCRIPT = "strash; dch; amap -m; topo; buffer -c -N 16; upsize -D {0:.0f}; dnsize -D {0:.0f}"
+ABC_SCRIPT = "strash; {1}dch; amap -m; topo; buffer -c -N 16; upsize -D {0:.0f}; dnsize -D {0:.0f}"
 """ABC first minimises area. Then it inserts buffers and sizes gates between two adders for a share of the clock, so that no
 single gate is slow."""
+
+BALANCE = "if -g -K 6; strash; "
+"""Makes trees of chains of gates, such as those of comparisons, which takes a little more area."""
 
 ABC_SHARE = 0.15
 """The share of the clock for logic between two adders."""
 
-SOURCES = ("adders", "broadcast", "flow", "heap", "mapping", "memories", "timing")
+SOURCES = ("adders", "broadcast", "flow", "heap", "loads", "mapping", "memories", "sizing", "timing")
 """Modules of this package that a netlist depends on; the description of the library is hashed separately."""
 
 NAND2_FLOP = 6.0
@@ -97,20 +100,21 @@ def _if_memories(rtlil: str, *commands: str) -> tuple[str, ...]:
 def synthesise(
     rtlil: str, top: str, technology: Technology, liberty: Path, folder: Path,
     blocks: Mapping[str, Sequence[int]], boxes: Sequence[str] = (), budgets: Mapping[str, float] | None = None,
-    memory_limit: int = LIMIT, clock_ps: float = 1000.0,
+    memory_limit: int = LIMIT, clock_ps: float = 1000.0, *, balanced: bool = False,
 ) -> Netlist:
     """Write the netlist of module `top` to `folder/top.v`.
 
     `blocks`: incremented blocks of carry chains by the name of the sum. `budgets`: ps for the other sums by name
     (`map_adders`).
     `boxes`: modules that stay black boxes. Memories of more than `memory_limit` bits are taken out of the logic.
+    `balanced`: logic between adders is balanced before it is mapped.
     """
     t, description, constraints, log = technology, folder / f"{top}.json", folder / "abc.constr", folder / "yosys.log"
     run("alumacc", "opt_clean", f"write_json {description}", log=log, design=_elaborate(rtlil, top, boxes, folder))
     constraints.write_text(f"set_driving_cell {t.inverter}\nset_load {t.gate_load_ff} [all_outputs]\n")
     macros, stores = _edit(description, lambda modules: take_out(modules[top], memory_limit))
     chosen = _edit(description, lambda modules: map_adders(modules[top], t, blocks, budgets)) if t.full_adder else {}
-    script = ABC_SCRIPT.format(ABC_SHARE * clock_ps).replace(" ", ",")
+    script = ABC_SCRIPT.format(ABC_SHARE * clock_ps, BALANCE if balanced else "").replace(" ", ",")
     run(
         f"read_liberty -lib {liberty}", f"read_json {description}", f"hierarchy -top {top}",
         "opt -full", "memory_map", *_if_memories(rtlil, "attrmap -remove init"), "opt -full", "techmap", "opt -full",

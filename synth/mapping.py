@@ -33,28 +33,30 @@ def to_cells(
 ) -> dict:
     """The module as library cells.
 
-    With hints in `blocks`, one run follows them. Otherwise, as long as the clock is not met, each further run makes the sums on
-    paths with negative slack one step faster, until no sum can be made faster. The run with the best slack is returned; with
-    equal slack or if the clock is met, the one with the smallest area.
+    As long as the clock is not met, each further run makes the sums on paths with negative slack one step faster, except where
+    hints in `blocks` say how they are added. Where no sum can be made faster, the logic between them is balanced. The run with
+    the best slack is returned; with equal slack or if the clock is met, the one with the smallest area.
     """
     (technology, liberty), found, is_timed = settings.library(), [], is_timed and timing.available()
-    clock = settings.clock_ps
+    clock, balanced = settings.clock_ps, False
     budgets = {} if is_timed and settings.runs > 1 else {"": UNTIMED_BUDGET * clock / technology.delay}
     while True:
         folder = scratch / f"run{len(found)}"
         netlist = flow.synthesise(
-            source, name, technology, liberty, folder, blocks or {}, boxes, budgets, settings.memory_limit, clock)
+            source, name, technology, liberty, folder, blocks or {}, boxes, budgets, settings.memory_limit, clock,
+            balanced=balanced)
         if not is_timed:
             return _as_result(netlist, None)
         netlists = [*below, netlist.verilog]
         seen = timing.analyse(netlists, name, clock, technology, liberty, folder, bool(netlist.memories))
         found.append((min(seen.slack_ps, 0.0), -netlist.area, netlist, seen.slack_ps))
         late = {}
-        for label in seen.late_sums & set(netlist.sums):
+        for label in seen.late_sums & set(netlist.sums) if blocks is None else ():
             if netlist.sums[label].time <= budgets.get(label, inf):  # otherwise the sum is already as fast as it can be
                 late[label] = FASTER * netlist.sums[label].time
-        if blocks is not None or not late or len(found) == settings.runs:
+        if seen.slack_ps >= 0 or len(found) == settings.runs or (balanced and not late):
             break
+        balanced |= not late
         budgets |= late
     return _as_result(*max(found, key=lambda run: run[:2])[2:])
 
