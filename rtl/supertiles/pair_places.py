@@ -64,7 +64,7 @@ class PairPlaces(wiring.Component):
         splat, offered = (self.splats.payload, sums.valid & self.splats.valid) if self.config.joint else (
             sums.payload.carried, sums.valid)
         done, rest, level, above = (Signal(MAX_LEVELS, name=name) for name in ("done", "rest", "level", "above"))
-        there, free, moves, last = Signal(), Signal(), Signal(), Signal()
+        there, free, moves, last, made = Signal(), Signal(), Signal(), Signal(), payload_register(m, places)
         coarse = splat.bound == COARSE_BOUND
         held = Signal(data.StructLayout({
             "total": data.ArrayLayout(shape(sum_format(n)), 3), "dc": data.ArrayLayout(shape(n.sh_dc), 6),
@@ -99,7 +99,7 @@ class PairPlaces(wiring.Component):
         with m.If(free):
             m.d.sync += places.valid.eq(there)
         with m.If(free & there):
-            m.d.sync += Value.cast(payload_register(m, places)).eq(self._place(held))
+            m.d.sync += Value.cast(made).eq(self._place(held))
         return m
 
     def _take(self, m: Module, splat: data.View, rest: Value, moves: Value, last: Value) -> tuple[Value, Value]:

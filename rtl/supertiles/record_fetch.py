@@ -17,7 +17,7 @@ its line held. So a pair that waits for its record holds its line's number inste
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
@@ -34,7 +34,7 @@ from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from spec.memory import BEAT_BITS, BEAT_BYTES, read_data, read_request
 from spec.queues import COUNTER_BITS, HEADERS_MISSED, HEADERS_PENDING, RECORD_BEATS, RECORDS_PENDING
-from spec.records import INDEX_BITS, chunk_item, gaussian_point
+from spec.records import chunk_item, gaussian_point
 from spec.supertiles import CHUNK_BITS, HEADER_WAYS, check_supertiles
 
 LATENCY = 14
@@ -160,11 +160,12 @@ class RecordFetch(wiring.Component):
         m.submodules.records = records = Buffer(self.reads_colour.payload.shape())
         wiring.connect(m, records.source, wiring.flipped(self.reads_colour))
         found, pair, two = places.found.payload, data.View(self._awaited, awaited.w_data), self.sh_degree.any()
-        second, moves, gaussian = Signal(), Signal(), Signal(INDEX_BITS)
+        second, moves, first, place = Signal(), Signal(), found.content.first, found.carried.pair.place
+        # one sum of three numbers, which takes little longer than one of two
+        beat = self.colour_base + Mux(two, Cat(second, first), first) + Mux(two, Cat(Const(0, 1), place), place)
         m.d.comb += [
-            gaussian.eq(found.content.first + found.carried.pair.place),
             records.sink.valid.eq(places.found.valid & (second | awaited.w_rdy)),
-            records.sink.payload.beat.eq(self.colour_base + Mux(two, Cat(second, gaussian), gaussian)),
+            records.sink.payload.beat.eq(beat),
             moves.eq(records.sink.valid & records.sink.ready),
             places.found.ready.eq(moves & (second | ~two)),
             awaited.w_en.eq(moves & ~second),
