@@ -48,7 +48,7 @@ class Build:
     @property
     def mapped_ps(self) -> float:
         """The clock for which modules are mapped."""
-        return round(self.clock_ps * (1 - UNCERTAINTY))
+        return float(round(self.clock_ps * (1 - UNCERTAINTY)))
 
 
 BUILDS = {
