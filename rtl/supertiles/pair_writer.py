@@ -199,7 +199,8 @@ class PairWriter(wiring.Component):
         m.submodules.hit_buffer = hits = Buffer(self.hits.payload.shape())
         wiring.connect(m, hits.source, wiring.flipped(self.hits))
         units, position = slot.place[PAGE_LOW:], slot.place[:BEAT_LOW]
-        free, left = Signal(UNIT_BITS), Signal(signed(UNIT_BITS + 1))  # the first free unit, and the number of free units
+        # the first free unit, and the number of free units; both are set between frames
+        free, left = Signal(UNIT_BITS, reset_less=True), Signal(signed(UNIT_BITS + 1), reset_less=True)
         fits, links, linked, rest = Signal(), Signal(), Signal(), Signal()
         roomy = reduce(or_, (units[k] & left[k:].any() for k in range(1, self.slots + 1)))  # 2^k units fit; no carry chain
         m.d.comb += [

@@ -232,7 +232,8 @@ class IntersectionWriter(wiring.Component):
         m.submodules.hit_buffer = hits = Buffer(self.hits.payload.shape())
         wiring.connect(m, hits.source, wiring.flipped(self.hits))
         units = slot.place[PAGE_LOW:]
-        free, left = Signal(UNIT_BITS), Signal(signed(UNIT_BITS + 1))  # the first free unit, and the number of free units
+        # the first free unit, and the number of free units; both are set between frames
+        free, left = Signal(UNIT_BITS, reset_less=True), Signal(signed(UNIT_BITS + 1), reset_less=True)
         fits, works, links, linked = Signal(), Signal(), Signal(), Signal()
         roomy = reduce(or_, (units[k] & left[k:].any() for k in range(1, self.slots + 1)))  # 2^k units fit; no carry chain
         m.d.comb += [
