@@ -45,6 +45,11 @@ blocks of all other units are chosen from the slack (`synth.report`).
 """
 
 
+RESERVED_PS: dict[str, float] = {f"{TOP}__render__sorter__sorter": 25.0}
+"""Time that a module must leave free in ASAP7 where it is mapped for a machine, because what it drives there is more than is
+assumed of a module by itself: the sorter's addresses go to the many macros of its largest memory."""
+
+
 def config_of(unit: str) -> AcceleratorConfig:
     """The configuration that a unit is reported for."""
     of_units = {_OF_PAPER_SMALL: PAPER_SMALL, _OF_SUPERTILES: V3, _OF_STREAMS: V3_STREAMS}

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -21,7 +22,8 @@ from spec.private import locked
 from spec.progress import phase
 from synth import flow, timing
 from synth.design import Design, elaborate
-from synth.hints import BLOCKS, SYNTHESISED, VARIANTS, config_of
+from synth.hints import BLOCKS, RESERVED_PS, SYNTHESISED, VARIANTS, config_of
+from synth.liberty import ASAP7
 from synth.mapping import to_cells, to_gates
 from synth.memories import Macro, as_rows
 from synth.settings import MOST_RUNS, Settings
@@ -128,6 +130,8 @@ def module_result(
 
     `is_timed`: the module is timed. Otherwise its sums get UNTIMED_BUDGET, and its slack is null.
     """
+    reserved = RESERVED_PS.get(module, 0.0) if settings.technology == ASAP7.name else 0.0
+    settings = replace(settings, clock_ps=settings.clock_ps - reserved)
     source, boxes = design.source(module), tuple(sorted(design.below[module]))
     hinted = (settings.technology, settings.clock_ps) == HINTS
     blocks, below = BLOCKS.get(module) if hinted else None, below if boxes else []
@@ -148,7 +152,8 @@ def module_result(
             with phase(f"synthesising {module} ({settings.label})"):
                 write_json(
                     cached, _in_fresh_process(run, module, source, boxes, cached.parent, below, blocks, settings, is_timed))
-    return json.loads(cached.read_text())
+    found = json.loads(cached.read_text())
+    return found if found["slack_ps"] is None else {**found, "slack_ps": found["slack_ps"] + reserved}
 
 
 def _kept(settings: Settings, module: str, inputs: tuple, runs: int) -> Path:
