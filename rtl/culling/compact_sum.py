@@ -202,7 +202,7 @@ class CompactColourSum(wiring.Component):
     def _pass(self, m: Module) -> None:
         """Without harmonics the sums are 0, and a splat moves to `sums` at once."""
         sums = self.sums
-        m.d.comb += self._move.eq(~sums.valid | sums.ready)
+        m.d.comb += [self._move.eq(~sums.valid | sums.ready), Value.cast(sums.payload.total).eq(0)]
         with m.If(self._move):
             m.d.sync += sums.valid.eq(self._step)
         with m.If(self._step):
