@@ -45,9 +45,9 @@ blocks of all other units are chosen from the slack (`synth.report`).
 """
 
 
-RESERVED_PS: dict[str, float] = {f"{TOP}__render__sorter__sorter": 25.0}
-"""Time that a module must leave free in ASAP7 where it is mapped for a machine, because what it drives there is more than is
-assumed of a module by itself: the sorter's addresses go to the many macros of its largest memory."""
+RESERVED_PS: dict[str, float] = {f"{TOP}__render__sorter__sorter": 45.0, f"{TOP}__geometry__writer": 45.0}
+"""Time that a module must leave free in ASAP7 where it is mapped for a machine, because its largest memory is of so many macros
+that their pins take longer than is assumed of a module by itself."""
 
 
 def config_of(unit: str) -> AcceleratorConfig:
