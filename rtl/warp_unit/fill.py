@@ -73,15 +73,16 @@ class Fill(wiring.Component):
 
 def _median(m: Module, p: Pipeline, channel: int, alive: Staged, rank: Staged, planes: list[Staged]) -> Value:
     """The value of the given rank among those alive, 0 for the smallest; `planes` are the values' bits, lowest bit first."""
+    def stage(alive: Value, rank: Value, upper: Value, lower: Value) -> Value:
+        # The lower zeros are counted for either upper bit, so that the second count does not wait for the first.
+        zeros, with_0, with_1 = (_count(m, bits) for bits in (
+            alive & ~upper, alive & ~upper & ~lower, alive & upper & ~lower))
+        alive, rank, high = _halved(m, alive, rank, upper, zeros)
+        alive, rank, low = _halved(m, alive, rank, lower, Mux(high, with_1, with_0))
+        return Cat(alive, rank, low, high)
+
     found: list[Staged] = []
     for top in range(7, -1, -_BITS_A_STAGE):
-        def stage(alive: Value, rank: Value, *planes: Value) -> Value:
-            bits: list[Value] = []
-            for plane in planes:
-                alive, rank, bit = _halved(m, alive, rank, plane)
-                bits.insert(0, bit)
-            return Cat(alive, rank, *bits)
-
         both = p.reg(f"median_{channel}", stage, alive, rank, *(planes[top - i] for i in range(_BITS_A_STAGE)))
         alive, rank, bits = (both.map(lambda v, a=a, b=b: v[a:b]) for a, b in (  # type: ignore[misc]
             (0, len(NEIGHBOURS)), (len(NEIGHBOURS), -_BITS_A_STAGE), (-_BITS_A_STAGE, None)))
@@ -89,11 +90,18 @@ def _median(m: Module, p: Pipeline, channel: int, alive: Staged, rank: Staged, p
     return Cat(bits.at(both.stage) for bits in found)
 
 
-def _halved(m: Module, alive: Value, rank: Value, plane: Value) -> tuple[Value, Value, Value]:
-    """One bit: which values stay alive, the wanted rank among them, and the bit of the wanted value."""
-    zeros = Signal(range(len(NEIGHBOURS) + 1))
+def _count(m: Module, bits: Value) -> Value:
+    """The number of ones."""
+    ones = Signal(range(len(NEIGHBOURS) + 1))
+    m.d.comb += ones.eq(sum(bits))
+    return ones
+
+
+def _halved(m: Module, alive: Value, rank: Value, plane: Value, zeros: Value) -> tuple[Value, Value, Value]:
+    """One bit: which values stay alive, the wanted rank among them, and the bit of the wanted value. `zeros`: how many of those
+    alive have a 0."""
     alive_next, rank_next, bit = Signal.like(alive), Signal.like(rank), Signal()
     m.d.comb += [
-        zeros.eq(sum(alive & ~plane)), bit.eq(rank >= zeros), alive_next.eq(alive & (plane ^ ~bit.replicate(len(plane)))),
+        bit.eq(rank >= zeros), alive_next.eq(alive & (plane ^ ~bit.replicate(len(plane)))),
         rank_next.eq(Mux(bit, rank - zeros, rank))]
     return alive_next, rank_next, bit
