@@ -16,6 +16,9 @@ chunks.
 
 from __future__ import annotations
 
+from functools import reduce
+from operator import or_
+
 from amaranth.hdl import Cat, Module, Mux, Signal, Value, unsigned
 from amaranth.lib import data, enum, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
@@ -63,9 +66,12 @@ class _Side:
     def elaborate(self, m: Module, item: data.View, fetched_item: data.View) -> None:
         """Adds the logic of this side to `m`."""
         some, one = self.level != 0, self.level == 1
+        # what the memory gives comes late, so it passes one gate only
+        heads = ((some & self.fetched, fetched_item), (some & ~self.fetched, self.front), (~some, item))
         m.d.comb += [
             self.there.eq(some | self.arrives),
-            self.head.eq(Mux(some, Mux(self.fetched, fetched_item, self.front), item)),
+            Value.cast(self.head).eq(reduce(or_, (
+                chosen.replicate(len(Value.cast(value))) & Value.cast(value) for chosen, value in heads))),
         ]
         # An item that leaves in the cycle of its arrival is copied too, but the copy is never used
         to_front = self.push & (~some | one & self.pop)

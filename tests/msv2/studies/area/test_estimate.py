@@ -21,6 +21,11 @@ def test_a_synthesised_build_has_its_reports_area(name):
     assert found.mm2 == pytest.approx(found.logic_mm2 + found.memory_mm2)
 
 
+def test_no_unit_of_the_builds_at_1_ghz_is_late():
+    builds = json.loads(estimate.REPORT.read_text())["builds"]
+    assert {name: builds[name]["late_units"] for name in BUILDS if builds[name]["late_units"]} == {}
+
+
 @pytest.mark.parametrize("name", SHORTENED)
 def test_estimates_with_the_presets_formats_are_near_their_builds(name, monkeypatch):
     report = json.loads(estimate.REPORT.read_text())["builds"][name]
