@@ -153,7 +153,7 @@ def module_result(
                 write_json(
                     cached, _in_fresh_process(run, module, source, boxes, cached.parent, below, blocks, settings, is_timed))
     found = json.loads(cached.read_text())
-    return found if found["slack_ps"] is None else {**found, "slack_ps": found["slack_ps"] + reserved}
+    return {**found, "slack_ps": found["slack_ps"] + reserved} if reserved and found["slack_ps"] is not None else found
 
 
 def _kept(settings: Settings, module: str, inputs: tuple, runs: int) -> Path:
