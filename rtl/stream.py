@@ -17,7 +17,8 @@ def _check_count(count: int) -> None:
 
 def payload_register(m: Module, source: wiring.PureInterface) -> Signal | data.View:
     """The register behind the payload of a stream. It has no reset, because a payload means nothing while `valid` is low, and
-    synthesis gates only the clocks of registers without one."""
+    synthesis gates only the clocks of registers without one. Every bit must be assigned before `valid` rises: one that never is
+    holds what power-up left in it. To be called outside of `m.If`, because it drives the payload."""
     held = Signal.like(source.payload, name="held_payload", reset_less=True)
     m.d.comb += source.payload.eq(held)
     return held

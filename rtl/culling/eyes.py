@@ -60,7 +60,7 @@ class EyePoints(wiring.Component):
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        point, out, again, eye = self.points.payload, self.eyes, Signal(), payload_register(m, self.eyes)
+        point, out, again, held = self.points.payload, self.eyes, Signal(), payload_register(m, self.eyes)
         free, both, second = ~out.valid | out.ready & ~again, self.joint & ~point.end, Const(0)
         taken = self.points.valid & self.points.ready
         if self._warps:
@@ -68,15 +68,15 @@ class EyePoints(wiring.Component):
             both = Mux(self.rendering, turn.both, both)
             second, free = self.rendering & turn.target, free & (~self.rendering | left)
             with m.If(taken):
-                m.d.sync += eye.alone.eq(self.rendering & self.joint & ~turn.both)
+                m.d.sync += held.alone.eq(self.rendering & self.joint & ~turn.both)
         m.d.comb += self.points.ready.eq(free)
         with m.If(out.ready):
-            m.d.sync += [out.valid.eq(again), again.eq(0), eye.eye.eq(1), eye.position.eq(self.target_position)]
+            m.d.sync += [out.valid.eq(again), again.eq(0), held.eye.eq(1), held.position.eq(self.target_position)]
         with m.If(taken):
             m.d.sync += [
-                out.valid.eq(1), again.eq(both), eye.eye.eq(second),
-                eye.position.eq(Mux(second, self.target_position, self.position) if self._warps else self.position),
-                *(eye[name].eq(point[name]) for name in point.shape().members)]
+                out.valid.eq(1), again.eq(both), held.eye.eq(second),
+                held.position.eq(Mux(second, self.target_position, self.position) if self._warps else self.position),
+                *(held[name].eq(point[name]) for name in point.shape().members)]
         return m
 
     def _turn(self, m: Module, taken: Value) -> tuple[data.View, Value]:

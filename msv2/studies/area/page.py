@@ -28,7 +28,7 @@ def page(report: dict) -> str:
         f"Commit {report['commit']}; {build['config']}, two eyes, row width {build['row_width']:,}; {build['node']}, cells "
         f"{build['cell_list']}; mapped for {build['mapped_ps']:,.0f} of {build['clock_ps']:,.0f} ps, the rest is clock "
         f"uncertainty; at most {build['runs']} runs of a module; written by `make report-area`. How it is found, and what "
-        " is not in it: [area.md](../docs/area.md). mm² are at 16 nm, scaled from the library's node by the factors of "
+        "is not in it: [area.md](../docs/area.md). mm² are at 16 nm, scaled from the library's node by the factors of "
         f"{report['scaling_source']}.")
     sections = {
         "The paper and ours": _paper(report), "Builds and clocks": _builds(report) + "\n" + _clocks(report) + "\n",

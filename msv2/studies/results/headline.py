@@ -107,7 +107,7 @@ def _clock(area: Mapping[str, Any], linked: Mapping[str, Any] | None) -> Row:
         return "clock", "-", f"{alone:.2f} GHz at 16 nm", why
     typical, slow = (linked["machines"][PAPER.name][corner]["ghz"] for corner in ("typical", "slow"))
     return ("clock", "-", f"{alone * typical:.2f} GHz at 16 nm",
-            f"{typical:.2f} GHz in ASAP7 for the linked machine, {linked['uncertainty']:.0%} of it uncertainty, scaled, "
+            f"{typical:.2f} GHz in ASAP7 for the linked machine, with {linked['uncertainty']:.0%} clock uncertainty, scaled, "
             f"without wires; {slow:.2f} at the slow corner")
 
 
