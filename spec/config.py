@@ -361,10 +361,11 @@ PRESETS = {config.name: config for config in (PRECISE, BALANCED, FAST)}
 """The configurations that `make tradeoff` recommends, in order of descending accuracy."""
 
 FPGA = TINY.with_(
-    name="fpga", cores_x=2, cores_y=2, depth=False, row_width=256, sort_buffer_bytes=1024, merge_ways=2, bank_memories=True,
-    formats=SHORT_FORMATS)
-"""The machine of `make fpga`, which fits an FPGA of 84,000 lookup tables: the organisation of TINY with four pixel cores, whose
-banks are in memories, a smaller sorter, short formats, and no depth (docs/fpga.md)."""
+    name="fpga", cores_x=2, cores_y=2, sh_degree=1, depth=False, row_width=256, sort_buffer_bytes=512, merge_ways=2,
+    splat_cache_lines=32, counters=False, bank_memories=True, formats=SHORT_FORMATS)
+"""The machine of `make fpga`, which fits an FPGA of 84,000 lookup tables and leaves it room for wires: the organisation of TINY
+with four pixel cores, whose banks are in memories, a smaller sorter, short formats, harmonics of degree 1, no depth and no
+counters (docs/fpga.md)."""
 
 CONFIGS = {config.name: config for config in (TINY, DEFAULT, PAPER, V3, *PRESETS.values())}
 

@@ -15,6 +15,16 @@ KNOWN_LATE: dict[str, dict[tuple[str, str], int]] = {
         ("registers", "render.fetch"): 11,
         ("registers", "queue_colour"): 7,
     },
+    "paper_eyes": {
+        ("render.sorter", "render.sorter"): 396,
+        ("render.sorter", "render.sorter.reader"): 299,
+        ("controller", "queue_colour"): 72,
+        ("registers", "geometry.projection"): 32,
+        ("render.warp_rows", "render.warp"): 23,
+        ("registers", "render.fetch"): 11,
+        ("registers", "queue_colour"): 7,
+        ("msv2_top", "geometry.projection"): 2,
+    },
     "v3": {
         ("render.sorter", "render.sorter"): 379,
         ("render.sorter", "render.sorter.reader"): 260,

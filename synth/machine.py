@@ -43,9 +43,10 @@ UNIT_GROUPS = {
     "render.sorter.reader": SORTING, "render.sorter.tree": SORTING, "render.handover": SORTING,
     "render.fetch": LISTS, "render.array": ARRAY, "render.array.setup": ARRAY, "render.array.sequencer": ARRAY,
     "render.array.expand": ARRAY, "render.array.collect": BLENDING, "render.writer": LISTS,
-    "render.finished": LISTS, "render.broadcast": WARP, "render.warp": WARP,
+    "render.finished": LISTS, "render.broadcast": WARP, "render.warp_rows": WARP, "render.warp": WARP,
     "render.supertiles": LISTS, "render.supertile_fork": LISTS, "render.queue": LISTS, "render.lists": LISTS,
     "render.colour": COLOUR, "render.saturations": CONTROL, "render.batches": BLENDING, "render.array.state": BLENDING,
+    "geometry.target_bounds": CULLING, "geometry.path.turns": CULLING, "render.replay": LISTS,
 }
 """The group of each unit, by the unit's path below the machine. A frame around other units is the logic left between them."""
 
@@ -57,6 +58,9 @@ SUPERTILE_UNITS = (
     "geometry.buckets", "render.supertiles", "render.supertile_fork", "render.queue", "render.lists", "render.colour",
     "render.saturations", "render.batches", "render.array.state")
 """Units that only machines with lists by super-tile have."""
+
+JOINT_UNITS = ("geometry.target_bounds", "geometry.path.turns", "render.replay")
+"""Units that only machines with joint frames of two eyes have: `turns` and `replay` only where the target may be warped."""
 
 FRAMES = ("", "geometry", "geometry.path", "render")
 """Units of which every direct submodule must be a unit, too."""

@@ -204,11 +204,11 @@ class GatherPhase(wiring.Component):
                    writer.rows]
         # The rows come out of a memory, and the writer rounds them: both do not fit into a cycle.
         m.submodules.finished = finished = Buffer(array.pixels.payload.shape())
-        wiring.connect(m, array.pixels, finished.sink)
+        wiring.connect(m, finished.source, writer.rows)
         if replay is None:
-            wiring.connect(m, finished.source, writer.rows)
+            wiring.connect(m, array.pixels, finished.sink)
         else:
-            watched.append(self._warp(m, finished.source, writer, made, replay))
+            watched.append(self._warp(m, array.pixels, finished.sink, writer, made, replay))
         for name, unit in (("entries", reader), ("spill", sorter)):
             wiring.connect(m, unit.reads, wiring.flipped(getattr(self, f"reads_{name}")))
             wiring.connect(m, wiring.flipped(getattr(self, f"data_{name}")), unit.data)
@@ -233,19 +233,23 @@ class GatherPhase(wiring.Component):
         return m
 
     def _warp(
-        self, m: Module, rows: stream.Interface, writer: PixelWriter | FrameWriter, made: SuperTileReader, replay: ListReplay,
+        self, m: Module, rows: stream.Interface, finished: stream.Interface, writer: PixelWriter | FrameWriter,
+        made: SuperTileReader, replay: ListReplay,
     ) -> stream.Interface:
         """Adds the warp unit beside the pixel writer, and begins the second sweep; returns the stream of rows that is warped.
 
+        Each of the two has a buffer of its own: registers that drive both are too slow for the writer's sums.
         A frame is done when all that is rendered and warped of it is in memory. The warp unit has taken all rows of the source
         when it has finished, so that no pair of the first sweep is on its way any more.
         """
         m.submodules.broadcast = broadcast = Broadcast(rows.payload.shape())
+        m.submodules.warp_rows = warp_rows = Buffer(rows.payload.shape())
         m.submodules.warp = warp = WarpStrips(frame_rows(self.config))
         connect_settings(m, self, warp)
         wiring.connect(m, rows, broadcast.sink)
-        wiring.connect(m, broadcast.sources[0], writer.rows)
-        wiring.connect(m, broadcast.sources[1], warp.rows)
+        wiring.connect(m, broadcast.sources[0], finished)
+        wiring.connect(m, broadcast.sources[1], warp_rows.sink)
+        wiring.connect(m, warp_rows.source, warp.rows)
         wiring.connect(m, warp.writes, wiring.flipped(self.writes_warp))
         warps, sweeps, total, began = Signal(), Signal(), Signal.like(writer.tile_count), Signal()
         self._rings_busy = Signal()

@@ -129,9 +129,9 @@ class RenderPhase(wiring.Component):
         wiring.connect(m, fetch.entries, array.entries)
         # The rows come out of a memory, and the writer rounds them: both do not fit into a cycle.
         m.submodules.finished = finished = Buffer(array.pixels.payload.shape())
-        wiring.connect(m, array.pixels, finished.sink)
+        wiring.connect(m, finished.source, writer.rows)
         if not self.config.stereo:
-            wiring.connect(m, finished.source, writer.rows)
+            wiring.connect(m, array.pixels, finished.sink)
         for name, unit in (("tiles", headers), ("entries", reader), ("spill", sorter), ("views", fetch)):
             wiring.connect(m, unit.reads, wiring.flipped(getattr(self, f"reads_{name}")))
             wiring.connect(m, wiring.flipped(getattr(self, f"data_{name}")), unit.data)
@@ -144,7 +144,7 @@ class RenderPhase(wiring.Component):
         ]
         watched = [reader.data, sorter.groups, buffer.sink, fetch.sorted, array.entries, writer.rows]
         if self.config.stereo:
-            watched.append(self._second_eye(m, merge, headers, finished.source, writer, opened))
+            watched.append(self._second_eye(m, merge, headers, array.pixels, finished.sink, writer, opened))
         watch(m, self, watched)
         if self.config.counters:
             self._count(m, merge, sorter, fetch, array, writer)
@@ -165,20 +165,24 @@ class RenderPhase(wiring.Component):
             wiring.connect(m, source, sink)
 
     def _second_eye(
-        self, m: Module, merge: TileMergeUnit, headers: HeaderMaker, rows: stream.Interface, writer: PixelWriter,
-        opened: Signal,
+        self, m: Module, merge: TileMergeUnit, headers: HeaderMaker, rows: stream.Interface, finished: stream.Interface,
+        writer: PixelWriter, opened: Signal,
     ) -> stream.Interface:
         """Adds the warp unit beside the pixel writer, and connects its mask; returns the stream of rows that it takes.
+
+        Each of the two has a buffer of its own: registers that drive both are too slow for the writer's sums.
 
         A pass is done when all that is rendered of it is in memory and the headers of all other tiles have been passed over. In
         the source eye's pass what was warped must be in memory, too.
         """
         m.submodules.broadcast = broadcast = Broadcast(rows.payload.shape())
+        m.submodules.warp_rows = warp_rows = Buffer(rows.payload.shape())
         m.submodules.warp = warp = WarpUnit(self.config)
         connect_settings(m, self, warp)
         wiring.connect(m, rows, broadcast.sink)
-        wiring.connect(m, broadcast.sources[0], writer.rows)
-        wiring.connect(m, broadcast.sources[1], warp.rows)
+        wiring.connect(m, broadcast.sources[0], finished)
+        wiring.connect(m, broadcast.sources[1], warp_rows.sink)
+        wiring.connect(m, warp_rows.source, warp.rows)
         wiring.connect(m, warp.writes, wiring.flipped(self.writes_warp))
         warps = Signal()
         m.d.comb += [

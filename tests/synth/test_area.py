@@ -16,7 +16,7 @@ pytest.importorskip("pyosys.libyosys", reason="needs the extra `synth`")
 from msv2.studies.area import replaced, study
 from msv2.studies.area.page import page
 from rtl.top.machine import Machine
-from spec.config import TINY, TINY_V3, AcceleratorConfig
+from spec.config import TINY, TINY_EYES_WARP, TINY_V3, AcceleratorConfig
 from synth import area, machine, macros
 from synth.design import Design, elaborate
 from synth.liberty import ASAP7, PDK_VARIABLE
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.slow  # the first test of a process emits the machine, 
 TWO_EYES = TINY.with_(stereo=True, order="spatial", chunks=True, records="compact")
 """The small machine with every unit of those with lists by tile."""
 
-EVERY = {"two eyes": TWO_EYES, "super-tiles": TINY_V3}
+EVERY = {"two eyes": TWO_EYES, "super-tiles": TINY_V3, "joint": TINY_EYES_WARP}
 """Machines that have every unit between them."""
 
 
@@ -81,7 +81,8 @@ def test_every_module_is_in_one_unit_as_often_as_in_the_machine(name: str) -> No
 def test_units_are_all_there() -> None:
     found = {name: {path for path in machine.UNIT_GROUPS if machine.label(path) in cut(config).texts}
              for name, config in EVERY.items()}
-    assert found["two eyes"] | found["super-tiles"] == set(machine.UNIT_GROUPS)
+    assert set().union(*found.values()) == set(machine.UNIT_GROUPS)
+    assert found["joint"] - found["super-tiles"] - found["two eyes"] == set(machine.JOINT_UNITS)
     assert found["super-tiles"] - found["two eyes"] == set(machine.SUPERTILE_UNITS)
     assert found["super-tiles"] > set(machine.CHUNK_UNITS)
 
@@ -90,9 +91,10 @@ def test_units_are_all_there() -> None:
 def test_a_machine_for_one_eye_has_no_warp_unit() -> None:
     one = machine.cut(elaborate(Machine(TINY), machine.TOP))
     missing = {path for path in machine.UNIT_GROUPS if machine.label(path) not in one.texts}
-    assert missing > {*machine.CHUNK_UNITS, *machine.SUPERTILE_UNITS}
-    missing -= {*machine.CHUNK_UNITS, *machine.SUPERTILE_UNITS}
-    assert {machine.UNIT_GROUPS[path] for path in missing} == {machine.WARP} and len(missing) == 2
+    others = {*machine.CHUNK_UNITS, *machine.SUPERTILE_UNITS, *machine.JOINT_UNITS}
+    assert missing > others
+    missing -= others
+    assert {machine.UNIT_GROUPS[path] for path in missing} == {machine.WARP} and len(missing) == 3
 
 
 @pytest.mark.parametrize("path", ["render.extra", "geometry.extra.inner", "extra"])
@@ -184,7 +186,7 @@ def test_the_page_is_the_reports() -> None:
     logic = kept["split"]["array"] + kept["split"]["other logic"]
     assert kept["builds"]["1ghz"]["mm2_16nm_logic"] == pytest.approx(logic, abs=2e-4)
     units = {row["unit"] for row in kept["rows"]}
-    more = {*machine.CHUNK_UNITS, *machine.SUPERTILE_UNITS}
+    more = {*machine.CHUNK_UNITS, *machine.SUPERTILE_UNITS, *machine.JOINT_UNITS}
     assert units == {path or machine.TOP for path in machine.UNIT_GROUPS if path not in more}
 
 

@@ -10,6 +10,7 @@ All mapped modules are linked (`synth.linked`). Each machine's modules are those
 from __future__ import annotations
 
 import json
+from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -99,8 +100,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     unknown = set(args.configs) - set(TIMED)
     if unknown:
         raise InputError(f"configs {', '.join(sorted(unknown))} are not known: {', '.join(TIMED)} are")
-    path, store = args.out / "machine_timing.json", args.out / STORE.name
-    old, kept = _read(path), _read(store)
+    old, kept = _read(args.out / "machine_timing.json"), _read(args.out / STORE.name)
     rows, measured, stamp = dict(old.get("machines", {})), [], commit()
     for name in args.configs:
         if args.ports:
@@ -111,7 +111,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             found = time_config(MACHINES[name], args.folder, args.jobs, _say, args.runs, clock_ps=CLOCK_PS, interfaces=True)
             rows[name] = machine_row(found, stamp, args.runs)
         measured.append(found)
-    rows = {name: rows[name] for name in TIMED if name in rows}
+        _write(args, {name: rows[name] for name in TIMED if name in rows}, measured, old, kept)
+    return 0
+
+
+def _write(args: Namespace, rows: Mapping[str, dict], measured: Sequence[WholeTiming], old: dict, kept: dict) -> None:
+    """Writes the reports with the machines that are measured so far, and those of an earlier report."""
     report = {
         **worst(rows), "clock_ps": CLOCK_PS, "uncertainty": UNCERTAINTY, "hold_uncertainty_ps": HOLD_UNCERTAINTY_PS,
         "input_slew_ps": INPUT_SLEW_PS, "slew_limit_ps": SLEW_LIMIT_PS,
@@ -119,13 +124,13 @@ def main(argv: Sequence[str] | None = None) -> int:
                            "memory_source": corner.source} for name, corner in CORNERS.items()},
         "machines": rows}
     used = {"arguments": args, "machines": {name: MACHINES[name] for name in args.configs}}
-    earlier = args.ports or set(rows) - set(args.configs)
+    earlier = args.ports or len(rows) > len(measured)
+    path, store = args.out / "machine_timing.json", args.out / STORE.name
     write_report(path, report, [__name__], used, liberties(), old if earlier else None)
     write_report(store, merged(stored(measured, CLOCK_PS, UNCERTAINTY), kept), [__name__], used, liberties(),
                  kept if earlier else None)
     write_page(args.out / "machine_timing.md", page(report))
     print(f"wrote {path}, machine_timing.md and {STORE.name}")
-    return 0
 
 
 def _say(line: str) -> None:

@@ -79,8 +79,8 @@ def test_complaints(report: dict[str, object], complaints: int) -> None:
 
 
 def test_numbers_of_the_firmware_are_read() -> None:
-    text = "fingerprint 0x28d58038\ncycles 0x000e8aa8\npixels 0x00001000\nstatus 2 cycles 4689411\n"
-    assert soc.said(text) == {"fingerprint": 0x28D58038, "cycles": 953_000, "pixels": 4096, "status": 2,
+    text = "fingerprint 0x28d58038\ncycles 0x000e8aa8\nstatus 2 cycles 4689411\n"
+    assert soc.said(text) == {"fingerprint": 0x28D58038, "cycles": 953_000, "status": 2,
                               "simulated_cycles": 4_689_411}
     assert soc.said("failed: render 0x00000008\nstatus 136 cycles 12\n")["status"] == 136
 
