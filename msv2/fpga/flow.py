@@ -160,7 +160,7 @@ def synthesise(steps: Steps, source: Path) -> dict[str, int]:
 def place(steps: Steps, device: Device, seed: int) -> dict[str, Any]:
     """Places and routes the netlist, and returns nextpnr's own report. Raises InputError where it does not fit.
 
-    nextpnr's default placer makes wires 1.4 times as long on this netlist, with which the router does not end within an hour.
+    nextpnr's default placer makes wires 1.4 times as long on this netlist.
     """
     netlist, placed, report = (steps.folder / name for name in ("netlist.json", "placed.config", "nextpnr.json"))
     options = [*device.options, "--freq", CLOCK_MHZ, "--seed", seed, "--lpf-allow-unconstrained", "--timing-allow-fail",

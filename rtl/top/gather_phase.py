@@ -204,10 +204,10 @@ class GatherPhase(wiring.Component):
                    writer.rows]
         # The rows come out of a memory, and the writer rounds them: both do not fit into a cycle.
         m.submodules.finished = finished = Buffer(array.pixels.payload.shape())
-        wiring.connect(m, finished.source, writer.rows)
         if replay is None:
             wiring.connect(m, array.pixels, finished.sink)
-        else:
+        wiring.connect(m, finished.source, writer.rows)
+        if replay is not None:
             watched.append(self._warp(m, array.pixels, finished.sink, writer, made, replay))
         for name, unit in (("entries", reader), ("spill", sorter)):
             wiring.connect(m, unit.reads, wiring.flipped(getattr(self, f"reads_{name}")))

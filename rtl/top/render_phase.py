@@ -129,9 +129,9 @@ class RenderPhase(wiring.Component):
         wiring.connect(m, fetch.entries, array.entries)
         # The rows come out of a memory, and the writer rounds them: both do not fit into a cycle.
         m.submodules.finished = finished = Buffer(array.pixels.payload.shape())
-        wiring.connect(m, finished.source, writer.rows)
         if not self.config.stereo:
             wiring.connect(m, array.pixels, finished.sink)
+        wiring.connect(m, finished.source, writer.rows)
         for name, unit in (("tiles", headers), ("entries", reader), ("spill", sorter), ("views", fetch)):
             wiring.connect(m, unit.reads, wiring.flipped(getattr(self, f"reads_{name}")))
             wiring.connect(m, wiring.flipped(getattr(self, f"data_{name}")), unit.data)
