@@ -360,9 +360,19 @@ FAST = PRECISE.with_(name="fast", sh_degree=1)
 PRESETS = {config.name: config for config in (PRECISE, BALANCED, FAST)}
 """The configurations that `make tradeoff` recommends, in order of descending accuracy."""
 
+FPGA_FORMATS = NumberFormats(
+    **dict.fromkeys(("position", "view", "chunk"), SmallFloat(sig_bits=14, exp_bits=7, bias=63)),
+    scale=SmallFloat(sig_bits=9, exp_bits=6, bias=40, signed=False), quaternion=SQ(0, 9),
+    work=SmallFloat(sig_bits=9, exp_bits=7, bias=63), conic=SmallFloat(sig_bits=10, exp_bits=5, bias=31), factor=SQ(1, 9),
+    mean2d=SQ(14, 5), offset=SQ(5, 9), exponent=SQ(11, 9), slope=SQ(7, 9), curvature=SQ(3, 9), log2_opacity=SQ(4, 8),
+    cut=SQ(3, 8), sh_dc=SQ(2, 9), sh_rest=SQ(1, 7), colour=UQ(1, 8), depth_key=UQ(18, 0), alpha=UQ(1, 9),
+    transmittance=UQ(0, 11), weight=UQ(0, 9), accumulator=UQ(1, 11), exp2_segments=8)
+"""Formats for frames of at most 256 pixels on a side. The embedded scene loses 55 dB by them, less than an 8-bit display shows.
+Every multiplier of an FPGA holds a product of such numbers, and a sort key covers 32 octaves of depth in 18 bits."""
+
 FPGA = TINY.with_(
     name="fpga", cores_x=2, cores_y=2, sh_degree=1, depth=False, row_width=256, sort_buffer_bytes=512, merge_ways=2,
-    splat_cache_lines=32, counters=False, bank_memories=True, formats=SHORT_FORMATS)
+    splat_cache_lines=32, counters=False, bank_memories=True, formats=FPGA_FORMATS)
 """The machine of `make fpga`, which fits an FPGA of 84,000 lookup tables and leaves it room for wires: the organisation of TINY
 with four pixel cores, whose banks are in memories, a smaller sorter, short formats, harmonics of degree 1, no depth and no
 counters (docs/fpga.md)."""

@@ -66,14 +66,16 @@ def shift_right(let: Let, x: Value, n: Value) -> Value:
     return Cat(sticky, x)
 
 
-_LONGEST_IN_HALVES = 18
-"""Most bits of a factor for which the products with its two halves fit into a stage; longer factors are cut into thirds."""
+_LONGEST_WHOLE, _LONGEST_IN_HALVES = 10, 18
+"""Most bits of a factor whose product fits into a stage as a whole, and of one for which the products with its two halves do;
+longer factors are cut into thirds."""
 
 
 def product(p: Pipeline, let: Let, name: str, a: Staged, b: Staged) -> Staged:
-    """Unsigned a * b in two stages: first the products of a with the halves (or thirds) of b, then their sum."""
+    """Unsigned a * b in two stages: the products of a with all of b, or with its halves or thirds, then their sum."""
     bits, width = len(b.value), len(a.value) + len(b.value)
-    names = ("low", "high") if bits <= _LONGEST_IN_HALVES else ("low", "middle", "high")
+    names = (("whole",) if bits <= _LONGEST_WHOLE else ("low", "high") if bits <= _LONGEST_IN_HALVES else
+             ("low", "middle", "high"))
     cuts = [bits * i // len(names) for i in range(len(names) + 1)]
 
     def times(part: str, place: slice) -> Staged:

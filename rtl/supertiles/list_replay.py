@@ -52,7 +52,7 @@ class ListReplay(wiring.Component):
         item, out, passes = self.listed.payload, self.lists.payload, Signal()
         at, number, gives, runs = (
             Signal(range(self._lists)), Signal.like(self.number), Signal(), Signal())
-        taken, count = Signal(), Signal(COUNT_BITS)
+        taken, count, given = Signal(), Signal(COUNT_BITS), Signal(COUNT_BITS)
         m.d.comb += [
             passes.eq(self.listed.valid & self.listed.ready),
             write.en.eq(passes), write.addr.eq(item.tile), write.data.count.eq(item.count), write.data.ends.eq(item.ends),
@@ -65,9 +65,11 @@ class ListReplay(wiring.Component):
             m.d.comb += [out.tile.eq(at), out.count.eq(count), out.group.eq(at), out.last.eq(1), out.ends.eq(read.data.ends)]
         with m.If(runs):
             m.d.sync += gives.eq(~gives | ~self.lists.ready)  # a cycle for both memories, then the list
+        m.d.sync += [  # a cycle late: the counts come from memories
+            given.eq(Mux(taken, count, 0)), self.pairs_again.eq(self.pairs_again + given),
+            self.groups_again.eq(self.groups_again + given.any())]
         with m.If(taken):
-            m.d.sync += [at.eq(at + 1), number.eq(number + read.data.ends), runs.eq(at != self.list_count - 1),
-                         self.pairs_again.eq(self.pairs_again + count), self.groups_again.eq(self.groups_again + count.any())]
+            m.d.sync += [at.eq(at + 1), number.eq(number + read.data.ends), runs.eq(at != self.list_count - 1)]
         with m.If(self.again):
             m.d.sync += [self.second.eq(1), runs.eq(1), at.eq(0), number.eq(0)]
         with m.If(self.clear):

@@ -161,14 +161,15 @@ class SuperTileReader(wiring.Component):
     def _wanted(self, m: Module, warp: Value, over: Value) -> Value:
         """The tiles of the offered item's eye that the sweep renders, wherever they lie. The next item is offered several
         cycles after the last one has left, when the answer for its number has come."""
-        number, target = Signal.like(self.number), self.supertiles.payload.eye
+        number, target, holes = Signal.like(self.number), self.supertiles.payload.eye, Signal.like(self.holes)
         m.d.comb += self.number.eq(number)
+        m.d.sync += holes.eq(self.holes)
         with m.If(over):
             m.d.sync += number.eq(number + 1)
         with m.If(self.lists.valid & self.lists.ready & (self.lists.payload.tile == 0)):
             m.d.sync += number.eq(0)
         every = Const((1 << SUPER_TILES) - 1, SUPER_TILES)
-        return Mux(self.second, Mux(target, warp & self.holes, 0), Mux(target & self.stereo, ~warp, every))
+        return Mux(self.second, Mux(target, warp & holes, 0), Mux(target & self.stereo, ~warp, every))
 
     def _eye(
         self, m: Module, leaves: Value, begins: tuple[Signal, Signal], right: Value, x: Signal,
@@ -178,7 +179,8 @@ class SuperTileReader(wiring.Component):
         the right edge of a frame that begins at column 0."""
         source, target = begins
         turn, origin, edge, over = Signal(), Signal.like(source), Signal(signed(TILE_BITS + 2)), self._last(leaves)
-        m.d.comb += [self.supertiles.payload.eye.eq(turn), origin.eq(Mux(turn, target, source)), edge.eq(right + origin)]
+        m.d.comb += [self.supertiles.payload.eye.eq(turn), origin.eq(Mux(turn, target, source))]
+        m.d.sync += edge.eq(right + origin)  # the next item is offered two cycles after this one has left, or later
         with m.If(leaves):
             m.d.sync += turn.eq(~over)
         return lambda column: (edge > column) & ((x != 0) | (origin <= column)), over

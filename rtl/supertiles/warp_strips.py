@@ -20,6 +20,7 @@ from rtl.stream import Buffer
 from rtl.supertiles.eyes import columns_apart, origins
 from rtl.warp_unit.pack import Pack
 from rtl.warp_unit.warp_unit import EVENTS, WarpUnit
+from rtl.warp_unit.window import picked
 from spec.config import AcceleratorConfig
 from spec.constants import SUPER_TILES, SUPER_X, SUPER_Y, TILE
 from spec.joint_warp import check_sweeps
@@ -63,15 +64,18 @@ class KnownPack(Pack):
     def _kept(self, new: data.View) -> list[Any]:
         return [new.known.eq(self.known), new.before.eq(self.before), new.x.eq(self.column[:_TILE_SHIFT])]
 
-    def _keep(self, m: Module, head: data.View, moves: Value) -> None:
-        self._last_sent = kept = Signal(data.StructLayout({"known": 1, "before": 1, "x": _TILE_SHIFT}), name="kept",
-                                        reset_less=True)
+    def _keep(self, m: Module, head: data.View, moves: Value, pick: Value) -> None:
+        self._last_sent = kept = Signal(
+            data.StructLayout({"known": 1, "before": 1, "x": _TILE_SHIFT, "at": _WORD_BITS}), name="kept", reset_less=True)
+        # The place of the beat's last pixel, which `_send` finds a cycle later as the low bits of a long sum.
+        below = picked(pick, [(lane * self.width)[:_WORD_BITS] for lane in range(len(pick))])
         with m.If(moves):
-            m.d.sync += [kept[name].eq(head[name]) for name in ("known", "before", "x")]
+            m.d.sync += [*(kept[name].eq(head[name]) for name in ("known", "before", "x")),
+                         kept.at.eq(head.word[:_WORD_BITS] + below)]
 
-    def _strobe(self, strobe: Value, word: int, at: Value) -> Value:
+    def _strobe(self, strobe: Value, word: int) -> Value:
         kept = self._last_sent
-        return strobe & ~Mux(at <= kept.x + word, kept.known, kept.before)
+        return strobe & ~Mux(kept.at <= kept.x + word, kept.known, kept.before)
 
 
 class StripWarp(WarpUnit):
@@ -113,16 +117,16 @@ class StripWarp(WarpUnit):
         write, read = store.write_port(), store.read_port()
         before, left, tile_ends = Signal(), Signal(), Signal()
         tile, row, last = Signal.like(self.known.tile), Signal.like(self.known.tile), Signal()
-        columns = self._last[_TILE_SHIFT:] + 1
-        upcoming = Signal.like(tile)
+        columns, upcoming = self._last[_TILE_SHIFT:] + 1, Signal.like(tile)
+        below = Signal.like(tile)  # the first tile of the next strip, which is many cycles away
         m.d.comb += [
             write.en.eq(self.known.en), write.addr.eq(self.known.tile), write.data.eq(self.known.known),
             left.eq(before | pack.filled.payload.left),
             tile_ends.eq(pack.column_ends & pack.column[:_TILE_SHIFT].all() | pack.strip_ends),
-            upcoming.eq(Mux(pack.strip_ends, row + 2 * columns, Mux(tile_ends, tile + 1, tile))),
+            upcoming.eq(Mux(pack.strip_ends, below, Mux(tile_ends, tile + 1, tile))),
             read.addr.eq(upcoming), pack.known.eq(read.data), pack.before.eq(last),
             self.tile_ends.eq(tile_ends), self.holes.eq(left & ~read.data), self.strip_ends.eq(pack.strip_ends)]
-        m.d.sync += tile.eq(upcoming)
+        m.d.sync += [tile.eq(upcoming), below.eq(row + 2 * columns)]
         with m.If(pack.commits):
             m.d.sync += before.eq(left & ~tile_ends)
         with m.If(tile_ends):

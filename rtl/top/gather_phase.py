@@ -257,17 +257,21 @@ class GatherPhase(wiring.Component):
             m.d.sync += began.eq(1)
         with m.If(self.clear):
             m.d.sync += began.eq(0)
-        m.d.comb += [
+        # Settings are stable long before `start`. The last hole tile is counted two cycles before `warp.finished` rises.
+        m.d.sync += [
             warps.eq(self.settings.joint & self.settings.stereo), sweeps.eq(warps & self.settings.second_sweep),
+            total.eq(self.rendered_tiles + Mux(sweeps, warp.hole_tiles, 0)),
+            self._rings_busy.eq(warp.busy & self.settings.stereo),
+            self.target_tiles.eq(Mux(warps, total - self.tile_count, 0))]
+        m.d.comb += [
             broadcast.wanted.eq(Cat(1, warps & ~rows.payload.eye)),
             warp.writes_idle.eq(self.idle_warp), warp.begin.eq(self.start & warps), warp.clear.eq(self.clear),
-            warp.known.eq(self.known), self._rings_busy.eq(warp.busy & self.settings.stereo),
-            total.eq(self.rendered_tiles + Mux(sweeps, warp.hole_tiles, 0)), writer.tile_count.eq(total),
+            warp.known.eq(self.known), writer.tile_count.eq(total),
             warp.number[0].eq(made.number), made.holes.eq(warp.tiles[0]), made.second.eq(replay.second),
             warp.number[1].eq(replay.number), replay.holes.eq(warp.tiles[1].any()), replay.clear.eq(self.clear),
             replay.again.eq(sweeps & began & warp.finished & warp.hole_tiles.any() & ~replay.second),
             self.second.eq(replay.second), self.done.eq(writer.finished & (warp.finished | ~warps)),
-            self.pairs_again.eq(replay.pairs_again), self.target_tiles.eq(Mux(warps, total - self.tile_count, 0)),
+            self.pairs_again.eq(replay.pairs_again),
             *(getattr(self, name).eq(Mux(warps, getattr(warp, name), 0)) for name in WARP_EVENTS)]
         return warp.rows
 

@@ -40,6 +40,10 @@ _WIDEST_PRODUCT = 48
 products of at most this width the shift does so by itself."""
 
 
+_LONGEST_WHOLE = 12
+"""Most bits of a factor whose product fits into a stage as a whole."""
+
+
 class Polynomial(NamedTuple):
     """The polynomial at the tile's first pixel, without opacity; `kept` says that the splat may touch the tile."""
 
@@ -83,8 +87,11 @@ class _Arithmetic:
         self.p, self.n = p, n
 
     def product(self, name: str, a: Staged, b: Staged) -> Staged:
-        """a b in two stages: the products with the low and with the high half of b, then their sum."""
+        """a b in two stages: the products with the low and with the high half of b, then their sum. A short b is left whole."""
         width, half = len(a.value) + len(b.value), len(b.value) // 2
+        if len(b.value) <= _LONGEST_WHOLE:
+            whole = self.p.reg(f"{name}_whole", lambda x, y: x * y, a, b)
+            return whole.to(whole.stage + 1)
         low = self.p.reg(f"{name}_low", lambda x, y: x * y[:half], a, b)
         high = self.p.reg(f"{name}_high", lambda x, y: x * y[half:].as_signed(), a, b)
         return self.p.reg(name, lambda low, high: (low + (high << half))[:width].as_signed(), low, high)

@@ -181,13 +181,13 @@ class Pack(wiring.Component):
                 word.eq(head.word), below.eq(picked(pick, [i * self.width for i in lanes]))]
         address, begin = Signal(ADDRESS_BITS), Signal(_WORD_BITS)
         at = address[:_WORD_BITS]
-        self._keep(m, head, moves)
+        self._keep(m, head, moves, pick)
         pixels = Array(read.data for read in reads)[lane]
         m.d.comb += [
             # If the row's first pixel lies in this beat, words before it are not written
             begin.eq(Mux(far | (near >= at), 0, at - near)),
             address.eq(word + below), out.beat.eq(address >> _WORD_BITS),
-            *(out.strobe[i].eq(self._strobe((begin <= i) & (at >= i), i, at)) for i in range(WORDS)),
+            *(out.strobe[i].eq(self._strobe((begin <= i) & (at >= i), i)) for i in range(WORDS)),
             *(out.word[i].eq(Mux(out.strobe[i], Cat(pixels[i].colour.as_value(), pixels[i].covered.replicate(8)), 0))
               for i in range(WORDS)),
         ]
@@ -204,9 +204,9 @@ class Pack(wiring.Component):
         """Sets what else waits of a group."""
         return []
 
-    def _keep(self, m: Module, head: data.View, moves: Value) -> None:
-        """Keeps what else `_strobe` needs of the group `head` when one of its beats `moves`."""
+    def _keep(self, m: Module, head: data.View, moves: Value, pick: Value) -> None:
+        """Keeps what else `_strobe` needs of the group `head` when the beat of the lane that `pick` names `moves`."""
 
-    def _strobe(self, strobe: Value, word: int, at: Value) -> Value:
-        """Whether a word of the beat is written, if it lies in the group's row; its last pixel is word number `at`."""
+    def _strobe(self, strobe: Value, word: int) -> Value:
+        """Whether a word of the beat is written, if it lies in the group's row."""
         return strobe

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import random
+import sys
 
 import numpy as np
 import pytest
 
 from rtl.vrc_array.setup import LATENCY, SetupUnit
-from spec.config import PAPER_SMALL, NumberFormats
+from spec.config import FPGA, PAPER_SMALL, NumberFormats
 from spec.constants import EXPONENT_SCALE, LOW_PASS
 from spec.formats import SQ
 from spec.records import array_splat, pixel_op, tile_header
@@ -17,7 +18,7 @@ from tests.helpers.rtl_streams import assert_rejected, exchange
 
 N = PAPER_SMALL.formats
 LARGEST = EXPONENT_SCALE / LOW_PASS**0.5
-BACKGROUND = (3, 700, 1023)
+BACKGROUND = (3, 300, 511)
 
 
 def rs(x: int, n: int) -> int:
@@ -83,7 +84,7 @@ def an_entry(rng: random.Random, header: dict) -> dict:
         "mean2d": N.mean2d.quantise(mean).tolist(),
         "conic": N.conic.quantise(factor[[0, 0, 1], [0, 1, 1]]).tolist(),
         "use": [rng.random() < 0.7, rng.random() < 0.7],
-        "log2_opacity": [rng.randint(-16 << 10, 7 << 10) for _ in range(2)],
+        "log2_opacity": [rng.randint(-16 << N.log2_opacity.frac_bits, 7 << N.log2_opacity.frac_bits) for _ in range(2)],
         "colour": [rng.randint(0, N.colour.raw_max) for _ in range(6)],
         "depth": rng.randint(0, N.depth.raw_max),
     }
@@ -125,6 +126,12 @@ def test_ops_are_those_of_the_text(pauses):
 @pytest.mark.parametrize("changes", [{"levels": 1}, {"depth": False}, {"support_sigma": None}])
 def test_variants(changes):
     expected, found, _ = simulate(PAPER_SMALL.with_(**changes), tiles(2, [40, 0, 20]))
+    assert found == expected
+
+
+def test_short_formats_whose_products_are_not_split(monkeypatch):
+    monkeypatch.setattr(sys.modules[__name__], "N", FPGA.formats)
+    expected, found, _ = simulate(FPGA, tiles(8, [60, 0, 40]))
     assert found == expected
 
 
