@@ -50,6 +50,16 @@ class KnownPack(Pack):
     def __init__(self, config: AcceleratorConfig) -> None:
         super().__init__(config)
         self.known, self.before = Signal(), Signal()
+        self._aparts = [Signal(_WORD_BITS + 1, name=f"apart_{lane}", reset_less=True) for lane in range(config.warp_lanes)]
+
+    def elaborate(self, platform: object) -> Module:
+        m = super().elaborate(platform)
+        # Known tiles lengthen the way from a group's place to its end, so these products are registers.
+        m.d.sync += [apart.eq(lane * self.width) for lane, apart in enumerate(self._aparts)]
+        return m
+
+    def _apart(self, lane: int) -> Value:
+        return self._aparts[lane]
 
     def _complete(self) -> data.StructLayout:
         return data.StructLayout({**super()._complete().members, "known": 1, "before": 1, "x": _TILE_SHIFT})
@@ -57,7 +67,7 @@ class KnownPack(Pack):
     def _lanes(self, lanes: Value, word: Value) -> Value:
         x, written = self.column[:_TILE_SHIFT], []
         for lane in range(self.config.warp_lanes):  # of a beat that ends in a known tile, what lies before it may be written
-            at = (word[:_WORD_BITS] + lane * self.width[:_WORD_BITS])[:_WORD_BITS]
+            at = (word[:_WORD_BITS] + self._apart(lane)[:_WORD_BITS])[:_WORD_BITS]
             written.append(~self.known | ~self.before & (at > x))
         return lanes & Cat(written)
 
@@ -68,7 +78,7 @@ class KnownPack(Pack):
         self._last_sent = kept = Signal(
             data.StructLayout({"known": 1, "before": 1, "x": _TILE_SHIFT, "at": _WORD_BITS}), name="kept", reset_less=True)
         # The place of the beat's last pixel, which `_send` finds a cycle later as the low bits of a long sum.
-        below = picked(pick, [(lane * self.width)[:_WORD_BITS] for lane in range(len(pick))])
+        below = picked(pick, [self._apart(lane)[:_WORD_BITS] for lane in range(len(pick))])
         with m.If(moves):
             m.d.sync += [*(kept[name].eq(head[name]) for name in ("known", "before", "x")),
                          kept.at.eq(head.word[:_WORD_BITS] + below)]
@@ -157,7 +167,7 @@ class HoleTiles(wiring.Component):
         begin: strobe: before a frame's first tile. clear: strobe between frames; the memory is then cleared, a super-tile a
             cycle, long before the first tile comes.
         number, tiles: numbers of super-tiles, and in the next cycle which of their tiles have holes, one bit each.
-        hole_tiles: hole tiles since `begin`.
+        hole_tiles: hole tiles since `begin`, two cycles behind their ends.
 
     Storage: a bit for each tile of the super-tiles of the largest frame.
     """
@@ -179,27 +189,31 @@ class HoleTiles(wiring.Component):
             m.d.sync += [at.eq(at + 1), clearing.eq(at != self._supertiles - 1)]
         with m.If(self.clear):
             m.d.sync += [at.eq(0), clearing.eq(1)]
-        answers = [self._row(m, row, origin, columns, clearing, at) for row in range(SUPER_Y)]
+        # Ends of tiles come late in their cycle.
+        ends, holes, strips = (Signal(SUPER_Y, name=name) for name in ("ends", "are_holes", "strips"))
+        m.d.sync += [ends.eq(self.tile_ends), holes.eq(self.holes), strips.eq(self.strip_ends)]
+        answers = [self._row(m, row, (ends[row], holes[row], strips[row]), origin, columns, clearing, at)
+                   for row in range(SUPER_Y)]
         for port in range(2):
             m.d.comb += self.tiles[port].eq(Cat(row[port] for row in answers))
-        found = Cat(ends & hole for ends, hole in zip(self.tile_ends, self.holes, strict=True))
-        m.d.sync += self.hole_tiles.eq(self.hole_tiles + sum(found))
+        m.d.sync += self.hole_tiles.eq(self.hole_tiles + sum(ends & holes))
         with m.If(self.begin):
             m.d.sync += self.hole_tiles.eq(0)
         return m
 
     def _row(
-        self, m: Module, row: int, origin: Value, columns: Value, clearing: Value, at: Value,
+        self, m: Module, row: int, tile: tuple[Value, Value, Value], origin: Value, columns: Value, clearing: Value, at: Value,
     ) -> list[Value]:
-        """The memory of one row of tiles of each super-tile; returns its answers."""
+        """The memory of one row of tiles of each super-tile; returns its answers. `tile`: whether a tile ends, is a hole tile,
+        and is the strip's last."""
         m.submodules[f"row_{row}"] = store = memory.Memory(shape=SUPER_X, depth=self._supertiles, init=[])
         write, reads = store.write_port(), [store.read_port() for _ in range(2)]
         place, bits, word = Signal(_PLACES, name=f"place_{row}"), Signal(SUPER_X, name=f"bits_{row}"), Signal(SUPER_X)
         number, begins = (Signal.like(self.number[0], name=f"{name}_{row}") for name in ("number", "begins"))
-        ends, strip = self.tile_ends[row], self.strip_ends[row]
+        ends, hole, strip = tile
         over = Signal(name=f"over_{row}")
         m.d.comb += [
-            word.eq(bits | (self.holes[row] << place)), over.eq(place.all() | strip),
+            word.eq(bits | (hole << place)), over.eq(place.all() | strip),
             write.en.eq(clearing | ends), write.addr.eq(Mux(clearing, at, number)), write.data.eq(Mux(clearing, 0, word)),
             *(read.addr.eq(self.number[port]) for port, read in enumerate(reads))]
         with m.If(ends):

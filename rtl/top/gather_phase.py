@@ -257,7 +257,7 @@ class GatherPhase(wiring.Component):
             m.d.sync += began.eq(1)
         with m.If(self.clear):
             m.d.sync += began.eq(0)
-        # Settings are stable long before `start`. The last hole tile is counted two cycles before `warp.finished` rises.
+        # Settings are stable long before `start`. The last hole tile is in `total` when `warp.finished` rises.
         m.d.sync += [
             warps.eq(self.settings.joint & self.settings.stereo), sweeps.eq(warps & self.settings.second_sweep),
             total.eq(self.rendered_tiles + Mux(sweeps, warp.hole_tiles, 0)),

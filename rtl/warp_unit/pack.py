@@ -126,7 +126,7 @@ class Pack(wiring.Component):
         write = store.write_port(granularity=1)
         place, patch, whole, pixel = Signal(bits), Signal(), Signal(), Signal(painted_layout())
         m.d.comb += [
-            place.eq(word[:bits] + lane * self.width[:bits]),
+            place.eq(word[:bits] + self._apart(lane)),
             patch.eq(group.fills & (group.lane == lane)),
             whole.eq(group.last & ~group.holes[lane]),
             pixel.colour.eq(Mux(patch, group.colour, group.pixels[lane].colour)),
@@ -171,7 +171,7 @@ class Pack(wiring.Component):
             todo.eq(head.lanes & ~done), pick.eq(todo & ~(todo - 1)), last.eq(~(todo & ~pick).any()),
             moves.eq(valid & (~self.writes.valid | self.writes.ready)), pops.eq(moves & last)]
         for i, read in enumerate(reads):
-            place = (head.word[:bits] + i * self.width[:bits])[_WORD_BITS]
+            place = (head.word[:bits] + self._apart(i))[_WORD_BITS]
             m.d.comb += [read.en.eq(moves & pick[i]), read.addr.eq(Cat(place, head.sub))]
         with m.If(self.writes.ready | ~self.writes.valid):
             m.d.sync += self.writes.valid.eq(valid & todo.any())
@@ -191,6 +191,10 @@ class Pack(wiring.Component):
             *(out.word[i].eq(Mux(out.strobe[i], Cat(pixels[i].colour.as_value(), pixels[i].covered.replicate(8)), 0))
               for i in range(WORDS)),
         ]
+
+    def _apart(self, lane: int) -> Value:
+        """Words from lane 0's row to the row of a lane; the low bits, which tell words and two beats apart."""
+        return lane * self.width[: _WORD_BITS + 1]
 
     def _complete(self) -> data.StructLayout:
         """What waits of a group with complete beats."""
