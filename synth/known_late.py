@@ -30,8 +30,8 @@ KNOWN_LATE: dict[str, dict[tuple[str, str], int]] = {
         ("render.sorter", "render.sorter.reader"): 260,
         ("registers", "geometry.path.projection"): 66,
         ("controller", "render.supertiles"): 29,
+        ("registers", "render.fetch"): 9,
         ("queue_geometry", "geometry.reader"): 6,
-        ("registers", "render.fetch"): 6,
         ("geometry.headers", "master"): 2,
     },
     "v3_eyes_warp": {

@@ -1,7 +1,7 @@
 """Steps 1-6 of docs/array.md: from a splat's mean and conic to the polynomial of the exponent over a tile.
 
 A register stage holds one addition or one half of a multiplication: first the partial products with either half of an operand,
-then their sum. The stages compute::
+then their sum. A short operand is not halved; its product waits for a stage instead. The stages compute::
 
     0   distance to the reference pixel             significands of the conic
     1   3 products of u and v, halves               factors k shifted
@@ -38,7 +38,6 @@ from spec.tables import CENTRE_EXPONENT_MAX
 _WIDEST_PRODUCT = 48
 """Bits of the widest product that an offset may be made of. docs/array.md says that a shift by this much and more gives 0; for
 products of at most this width the shift does so by itself."""
-
 
 _LONGEST_WHOLE = 12
 """Most bits of a factor whose product fits into a stage as a whole."""

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from golden.metrics.image import psnr
 from msv2.fpga import command, flow, soc, tools
 from msv2.fpga.flow import DEVICES, Device, Steps, counted, placed_report
 from rtl.soc.system import FIRMWARE_WORDS
 from spec.command_line import choice
-from spec.config import FPGA, TINY
+from spec.config import FPGA, TINY, NumberFormats
 from spec.errors import InputError
 from spec.paths import REPORTS
 
@@ -138,6 +139,13 @@ def test_the_machine_has_what_an_fpga_needs() -> None:
     bits = 3 * TINY.formats.accumulator.width + TINY.formats.depth_accumulator.width + TINY.formats.transmittance.width
     assert FPGA.bank_memories and FPGA.cores_x * FPGA.cores_y * FPGA.banks == TINY.cores_x * TINY.cores_y * TINY.banks
     assert 3 * 16 * TINY.banks * bits > DEVICES["um5g-85k"].ff
+
+
+@pytest.mark.parametrize("size", [64, FPGA.row_width])
+def test_the_short_formats_change_little(size: int) -> None:
+    """What `spec.config.FPGA_FORMATS` says: more than 50 dB of PSNR against the standard formats, up to the largest frame."""
+    standard = soc.golden_frame(FPGA.with_(formats=NumberFormats()), size).image
+    assert 50 < psnr(soc.golden_frame(FPGA, size).image, standard) < 70
 
 
 @needs_tools
