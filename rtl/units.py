@@ -69,6 +69,7 @@ from rtl.vrc_array.splat_fetch import SplatFetch
 from rtl.warp_unit.disparity import disparity_divider
 from rtl.warp_unit.warp_unit import WarpUnit
 from spec.command_line import choice
+from spec.compact import with_compact_records
 from spec.config import MOST_STREAMS, V3, AcceleratorConfig, NumberFormats
 from spec.registers import WRITE_CLIENTS, read_clients
 from spec.stages import EVERY_STAGE
@@ -100,20 +101,19 @@ def _operator(doc: str, make: Callable[[NumberFormats], wiring.Component]) -> Un
 
 def _of_chunks(config: AcceleratorConfig) -> AcceleratorConfig:
     """The machine, or where it reads no chunks the same one that does, with V3's records."""
-    return config if config.chunks else config.with_(order=V3.order, chunks=V3.chunks, records=V3.records)
+    return config if config.chunks else with_compact_records(config)
 
 
 def _of_compact(config: AcceleratorConfig) -> AcceleratorConfig:
     """The machine, or where its records are wide the same one with V3's."""
-    return config if config.compact else config.with_(order=V3.order, chunks=V3.chunks, records=V3.records)
+    return config if config.compact else with_compact_records(config)
 
 
 def _of_supertiles(config: AcceleratorConfig) -> AcceleratorConfig:
     """The machine; where its lists are by tile the same one with super-tiles, V3's records, one eye, no lockstep, and banks in
     registers."""
-    return config if config.supertiles else config.with_(
-        order=V3.order, chunks=V3.chunks, records=V3.records, lists=V3.lists, stereo=False, lockstep=False,
-        bank_memories=False)
+    return config if config.supertiles else with_compact_records(
+        config, lists=V3.lists, stereo=False, lockstep=False, bank_memories=False)
 
 
 def _of_streams(config: AcceleratorConfig) -> AcceleratorConfig:

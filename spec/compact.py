@@ -42,8 +42,9 @@ sum.
 from __future__ import annotations
 
 import math
+from typing import Any
 
-from spec.config import AcceleratorConfig
+from spec.config import AcceleratorConfig, NumberFormats
 from spec.constants import MAX_LEVELS
 from spec.formats import SQ, Fixed, SmallFloat
 from spec.records import Field, Record, uint
@@ -113,15 +114,26 @@ COARSE_BOUND = MAX_LEVELS - 1
 """The quality bound whose records are coarse."""
 
 
-def check_formats(config: AcceleratorConfig) -> None:
-    """Raises ValueError where the words that compact records decode to have other formats than the encodings above assume."""
-    n = config.formats
+def _contradictions(n: NumberFormats) -> list[str]:
+    """The formats of words that compact records decode to, where they are not those that the encodings above assume."""
     wanted: dict[str, Fixed | SmallFloat] = {
         "scale": SmallFloat(12, 6, n.scale.bias, signed=False), "quaternion": SQ(0, 13), "log2_opacity": SQ(4, 10),
         "sh_dc": SQ(2, 11), "sh_rest": SQ(1, 10)}
-    for name, number in wanted.items():
-        if getattr(n, name) != number:
-            raise ValueError(f"{name} must be {number} with compact records, not {getattr(n, name)}")
+    return [f"{name} must be {number} with compact records, not {getattr(n, name)}"
+            for name, number in wanted.items() if getattr(n, name) != number]
+
+
+def check_formats(config: AcceleratorConfig) -> None:
+    """Raises ValueError where the words that compact records decode to have other formats than the encodings above assume."""
+    for contradiction in _contradictions(config.formats):
+        raise ValueError(contradiction)
+
+
+def with_compact_records(config: AcceleratorConfig, **changes: Any) -> AcceleratorConfig:
+    """The machine with chunks of compact records and these changes; with the standard formats, where its own contradict the
+    records."""
+    formats = NumberFormats() if _contradictions(config.formats) else config.formats
+    return config.with_(order="spatial", chunks=True, records="compact", formats=formats, **changes)
 
 
 def scale_bits(coarse: bool) -> int:

@@ -17,6 +17,7 @@ from msv2.document.formats import field_format
 from msv2.document.text import doc_of
 from rtl.shapes import layout
 from spec.chunks import CHUNK_RECORDS
+from spec.compact import with_compact_records
 from spec.config import AcceleratorConfig
 from spec.memory import MEMORY_RECORDS
 from spec.packed import PACKED_RECORDS
@@ -87,11 +88,10 @@ def known_records(config: AcceleratorConfig) -> list[tuple[data.StructLayout, Re
     if config.depth and not config.stereo and not config.supertiles:
         configs.append(config.with_(stereo=True, lockstep=False))
     if not config.compact:
-        configs.append(config.with_(order="spatial", chunks=True, records="compact"))
+        configs.append(with_compact_records(config))
     if not config.supertiles:
-        configs.append(config.with_(
-            order="spatial", chunks=True, records="compact", lists="supertile", stereo=False, lockstep=False,
-            bank_memories=False))
+        configs.append(with_compact_records(
+            config, lists="supertile", stereo=False, lockstep=False, bank_memories=False))
     makers = [(make, one) for one in configs for make in (*RECORDS, *MEMORY_RECORDS, *CHUNK_RECORDS, *PACKED_RECORDS)]
     makers += [(make, one) for one in configs if one.supertiles for make in (*SUPERTILE_RECORDS, list_group)]
     return [(layout(record), record) for record in (make(one) for make, one in makers)]
