@@ -360,8 +360,9 @@ FAST = PRECISE.with_(name="fast", sh_degree=1)
 PRESETS = {config.name: config for config in (PRECISE, BALANCED, FAST)}
 """The configurations that `make tradeoff` recommends, in order of descending accuracy."""
 
+_FPGA_VIEW = SmallFloat(sig_bits=14, exp_bits=7, bias=63)
 FPGA_FORMATS = NumberFormats(
-    **dict.fromkeys(("position", "view", "chunk"), SmallFloat(sig_bits=14, exp_bits=7, bias=63)),
+    position=_FPGA_VIEW, view=_FPGA_VIEW, chunk=_FPGA_VIEW,
     scale=SmallFloat(sig_bits=9, exp_bits=6, bias=40, signed=False), quaternion=SQ(0, 9),
     work=SmallFloat(sig_bits=9, exp_bits=7, bias=63), conic=SmallFloat(sig_bits=10, exp_bits=5, bias=31), factor=SQ(1, 9),
     mean2d=SQ(14, 5), offset=SQ(5, 9), exponent=SQ(11, 9), slope=SQ(7, 9), curvature=SQ(3, 9), log2_opacity=SQ(4, 8),
