@@ -22,7 +22,11 @@ layout.words("""
     blocks cores_x cores_y row_latency leave_latency issue issue_left issue_drain issue_at issued_at rows_free drain_wait
     drain_in drain_out drain_rows drain_row row_halves""")
 layout.words("""
-    width height tiles_x pixel_words frame_base packed packed_beats packed_at sends send_at tile_out row_out rendered_tiles""")
+    width height tiles_x pixel_words frame_base packed packed_beats packed_at sends send_at tile_out row_out rendered_tiles
+    rows_waiting""")
+
+ROWS_WAITING = 2
+"""Rows that fit into the buffer (`rtl.stream.Buffer`) in front of the pixel writer, and into that of the warp unit."""
 layout.ring("view_times", VIEWS_PENDING)
 layout.ring("view_asked", 8)
 layout.ring("leave_times", 8)

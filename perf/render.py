@@ -6,6 +6,7 @@ Units are stepped from the last to the first, for the reason that `perf.geometry
 from __future__ import annotations
 
 from perf import blending, bus, chunks, lists, memory, sorter, swap, warp
+from perf.blending import ROWS_WAITING
 from perf.bus import ENTRIES, SPILL, TILES, VIEWS, W_FRAME, W_SPILL, W_WARP
 from perf.kernel import phase, step
 from perf.watch import BLENDING, FETCHING, HANDING, SORTING
@@ -37,29 +38,26 @@ def _asking(s, t):
 
 @step
 def _rows(s, t, writer, tile_number, tile_times, fills):
-    """Moves the array's rows to the pixel writer and, for the source eye, to the warp unit."""
-    offered = blending.rows_offered(s, t)
-    if s.warp_present == 0:
-        taken = blending.step_pixels(s, t, writer == W_FRAME, offered, tile_number, tile_times)
-        blending.count_rows(s, offered, taken)
-        if taken:
-            blending.take_row(s)
-        return
-    to_pixels = offered and s.warp_done & 1 == 0
-    to_warp = offered and s.warp_done & 2 == 0
-    row = s.warp_row
-    took_pixels = blending.step_pixels(s, t, writer == W_FRAME, to_pixels, tile_number, tile_times)
-    took_warp = warp.step_warp(s, t, writer == W_WARP, to_warp, row, fills)
-    blending.count_rows(s, to_pixels, took_pixels)
-    s.busy_warp += took_warp
-    s.blocked_warp += to_warp and not took_warp
-    if offered:
-        done = s.warp_done | took_pixels | took_warp << 1
-        s.warp_done = done
-        if done == 3:
-            s.warp_done = 0
-            s.warp_row = row + 1
-            blending.take_row(s)
+    """Moves the array's rows to the buffer before the pixel writer and, for the source eye, to the one before the warp unit;
+    and from there to the units."""
+    offered, waiting, wanted = blending.rows_offered(s, t), s.rows_waiting, 1
+    written = blending.step_pixels(s, t, writer == W_FRAME, waiting != 0, tile_number, tile_times)
+    blending.count_rows(s, waiting != 0, written)
+    to_pixels = offered and s.warp_done & 1 == 0 and waiting < ROWS_WAITING
+    s.rows_waiting = waiting + to_pixels - written
+    s.warp_done |= to_pixels
+    if s.warp_present:
+        waiting, wanted = s.warp_rows_waiting, 3
+        warped = warp.step_warp(s, t, writer == W_WARP, waiting != 0, s.warp_row, fills)
+        s.warp_row += warped
+        s.busy_warp += warped
+        s.blocked_warp += waiting != 0 and not warped
+        to_warp = offered and s.warp_done & 2 == 0 and waiting < ROWS_WAITING
+        s.warp_rows_waiting = waiting + to_warp - warped
+        s.warp_done |= to_warp << 1
+    if s.warp_done == wanted:
+        s.warp_done = 0
+        blending.take_row(s)
 
 
 @phase

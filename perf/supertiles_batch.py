@@ -17,7 +17,7 @@ from spec.queues import ARRAY_TILES
 layout = Layout(before)
 layout.words("""
     batches parts fill_batch fill_left fill_open fill_closed fill_at passed released first_reader read_ahead array_x row_x
-    eye_tiles eye_beats""")
+    eye_tiles eye_beats tile_in row_in""")
 layout.ring("asked", 16)
 stream_layout = Layout()
 stream_layout.words("""
@@ -127,19 +127,43 @@ def row_taken(s, t, granted, offered, cores_y, drawn, sizes):
 
 @step
 def step_rows(s, streams, t, granted, drawn, sizes, tile_times):
-    """Moves a row of pixels, of one array or of two side by side, to the pixel writer or the frame packer."""
-    cores_y = streams[0].cores_y
-    q = row_stream(s, s.row_out, len(streams), cores_y)
-    joined = s.row_x > s.array_x
-    offered = blending.rows_offered(streams[q], t) and (not joined or blending.rows_offered(streams[q + 1], t))
+    """Moves a row of pixels, of one array or of two side by side, to the buffer before the pixel writer or the frame packer,
+    and one from there to the unit."""
+    cores_y, waiting = streams[0].cores_y, s.rows_waiting
+    write_row(s, t, granted, cores_y, drawn, sizes, tile_times)
+    if waiting < blending.ROWS_WAITING and row_offered(s, streams, t):
+        take_row(s, streams)
+        s.rows_waiting += 1
+
+
+@step
+def row_offered(s, streams, t):
+    """Whether the arrays offer the next row of the frame."""
+    q = row_stream(s, s.row_in, len(streams), streams[0].cores_y)
+    return blending.rows_offered(streams[q], t) and (s.row_x <= s.array_x or blending.rows_offered(streams[q + 1], t))
+
+
+@step
+def take_row(s, streams):
+    """Removes the row that is offered from the arrays' output."""
+    q = row_stream(s, s.row_in, len(streams), streams[0].cores_y)
+    blending.take_row(streams[q])
+    if s.row_x > s.array_x:
+        blending.take_row(streams[q + 1])
+    s.row_in += 1
+    if s.row_in * s.row_x == TILE * TILE:
+        s.row_in, s.tile_in = 0, s.tile_in + 1
+
+
+@step
+def write_row(s, t, granted, cores_y, drawn, sizes, tile_times):
+    """Steps the pixel writer or the frame packer, which takes the first row that waits before it, if it can."""
+    offered = s.rows_waiting != 0
     taken = row_taken(s, t, granted, offered, cores_y, drawn, sizes)
     blending.count_rows(s, offered, taken)
-    if not taken:
-        return
-    place_row(s, t, cores_y, drawn, tile_times)
-    blending.take_row(streams[q])
-    if joined:
-        blending.take_row(streams[q + 1])
+    if taken:
+        place_row(s, t, cores_y, drawn, tile_times)
+        s.rows_waiting -= 1
 
 
 @step

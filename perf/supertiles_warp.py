@@ -17,8 +17,8 @@ from spec.memory import WORDS
 strip_layout = Layout(warp.layout)
 
 layout = Layout(supertiles_batch.layout)
-layout.words("warps strip_done strip_full strip_address strip_turn strip_tile strip_row again_lists again_open again_at "
-             "warp_base")
+layout.words("warps strip_done strip_full strip_address strip_turn strip_at strip_row strip_rows again_lists again_open "
+             "again_at warp_base")
 
 
 @step
@@ -43,8 +43,8 @@ def _address(s, a, odd):
 
 
 @phase
-def step_strips(s, strips, t, granted, offered, fills_0, fills_1):
-    """Steps both units and what sends their beats. `offered`: a row of the source is offered. Returns whether it is taken."""
+def step_strips(s, strips, t, granted, drawn, fills_0, fills_1):
+    """Steps both units, which take the first row that waits before them, and what sends their beats."""
     if granted:
         bus.write(s, W_WARP, s.strip_address)
         s.strip_full = 0
@@ -58,41 +58,49 @@ def step_strips(s, strips, t, granted, offered, fills_0, fills_1):
         a = strips[pick]
         s.strip_address, s.strip_full, s.strip_turn = _address(s, a, pick), 1, 1 - pick
         a.warp_write = 0
-    odd = s.strip_tile // s.tiles_x & 1
+    offered = s.strip_rows != 0
+    odd = drawn[s.strip_at] // s.tiles_x & 1 if offered else 0
     even_taken = warp.step_warp(strips[0], t, False, offered and odd == 0, strips[0].warp_row, fills_0)
     odd_taken = warp.step_warp(strips[1], t, False, offered and odd == 1, strips[1].warp_row, fills_1)
     strips[0].warp_row += even_taken
     strips[1].warp_row += odd_taken
-    return even_taken or odd_taken
+    taken = even_taken or odd_taken
+    s.busy_warp += taken
+    s.blocked_warp += offered and not taken
+    if taken:
+        s.strip_rows -= 1
+        s.strip_row += 1
+        if s.strip_row * s.row_x == TILE * TILE:
+            s.strip_row = 0
+            s.strip_at = _next_source(s, s.strip_at + 1, drawn)
+
+
+@step
+def _next_source(s, at, drawn):
+    """The next tile of the source among those that are drawn, from a place on."""
+    while at < len(drawn) and drawn[at] >= s.eye_tiles:
+        at += 1
+    return at
 
 
 @step
 def step_rows(s, streams, strips, t, granted, sent, drawn, sizes, fills_0, fills_1, tile_times):
-    """Moves a row of pixels to the pixel writer and, if it is one of the source, to the warp unit. `granted`: a beat of the
-    pixel writer is, `sent`: one of the warp unit."""
-    count, cores_y = len(streams), streams[0].cores_y
-    if s.strip_done == 0 and s.tile_out < len(drawn):
-        s.strip_row, s.strip_tile = s.row_out, drawn[s.tile_out]
-    q = supertiles_batch.row_stream(s, s.strip_row, count, cores_y)
-    joined = s.row_x > s.array_x
-    offered = blending.rows_offered(streams[q], t) and (not joined or blending.rows_offered(streams[q + 1], t))
-    wanted = 3 if s.strip_tile < s.eye_tiles else 1
-    to_pixels, to_warp = offered and s.strip_done & 1 == 0, offered and wanted & ~s.strip_done & 2 != 0
-    taken = supertiles_batch.row_taken(s, t, granted, to_pixels, cores_y, drawn, sizes)
-    warped = step_strips(s, strips, t, sent, to_warp, fills_0, fills_1)
-    blending.count_rows(s, to_pixels, taken)
-    s.busy_warp += warped
-    s.blocked_warp += to_warp and not warped
-    if taken:
-        supertiles_batch.place_row(s, t, cores_y, drawn, tile_times)
-    if offered:
-        done = s.strip_done | taken | warped << 1
-        s.strip_done = done
-        if done == wanted:
-            s.strip_done = 0
-            blending.take_row(streams[q])
-            if joined:
-                blending.take_row(streams[q + 1])
+    """Moves a row of pixels to the buffer before the pixel writer and, if it is one of the source, to that before the warp
+    unit, and one from there to each of both. `granted`: a beat of the pixel writer is, `sent`: one of the warp unit."""
+    waiting, warp_waiting = s.rows_waiting, s.strip_rows
+    supertiles_batch.write_row(s, t, granted, streams[0].cores_y, drawn, sizes, tile_times)
+    step_strips(s, strips, t, sent, drawn, fills_0, fills_1)
+    if not supertiles_batch.row_offered(s, streams, t):
+        return
+    wanted = 3 if drawn[s.tile_in] < s.eye_tiles else 1
+    to_pixels = s.strip_done & 1 == 0 and waiting < blending.ROWS_WAITING
+    to_warp = wanted & ~s.strip_done & 2 != 0 and warp_waiting < blending.ROWS_WAITING
+    s.rows_waiting += to_pixels
+    s.strip_rows += to_warp
+    s.strip_done |= to_pixels | to_warp << 1
+    if s.strip_done == wanted:
+        s.strip_done = 0
+        supertiles_batch.take_row(s, streams)
 
 
 @step

@@ -24,7 +24,8 @@ from spec.memory import WORDS
 layout = Layout(before)
 _QUEUED = 128  # most rows in a lane's queue
 layout.words("""
-    warp_present warp_done warp_row warp_write warp_lanes warp_depth warp_settle_cycles warp_queue_depth warp_target_base
+    warp_present warp_done warp_row warp_rows_waiting warp_write warp_lanes warp_depth warp_settle_cycles warp_queue_depth
+    warp_target_base
     warp_ring warp_reach warp_right warp_to_take warp_to_scan warp_held warp_opened warp_take_column warp_gone warp_settle_in
     warp_settle_out warp_settled warp_open_column warp_starts warp_scans warp_written warp_strip warp_scan_at warp_group
     warp_freed warp_slots warp_q_in warp_q_out warp_q_left warp_strips""")

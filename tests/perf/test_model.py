@@ -25,7 +25,7 @@ from spec.memory import BEAT_BYTES, BEAT_ENTRIES, DIRECTORY_BEATS, WORDS, colour
 from spec.paths import ROOT
 from spec.queues import CACHE_WAYS
 
-AT_ONE_NANOSECOND = (104_647, 44_084, 14_015, 152)
+AT_ONE_NANOSECOND = (104_647, 44_416, 13_972, 153)
 """Of the foveated frame `small` on LPDDR3 beside a machine of 1 GHz: cycles of geometry and rendering, activates, refreshes."""
 
 
