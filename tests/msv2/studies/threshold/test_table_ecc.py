@@ -18,6 +18,7 @@ pytest.importorskip("matplotlib")
 from golden.diff.gaussians import to_model  # noqa: E402
 from golden.host.quantise import quantise_model  # noqa: E402
 from golden.metrics.binocular import BinocularReference  # noqa: E402
+from golden.metrics.hvsq import FULL_WIDTH  # noqa: E402
 from golden.msv2_ref.eyes import render_request, render_stereo  # noqa: E402
 from golden.scenes.embedded.views import embedded_cameras  # noqa: E402
 from golden.scenes.levels import spread_levels  # noqa: E402
@@ -177,7 +178,8 @@ def finished_run(folder, model, totals=(("dense", 30), ("prune", 18))):
     run, dense = folder / "room", small_dense(500)
     run.mkdir(parents=True)
     options = {"scene": "embedded", "variant": "H", "baseline": None, "opacity-enhancement": True, "size": "32x32",
-               "iterations": 60, "max-points": 1500, "seed": 0, "from": None, "device": "cpu"}
+               "iterations": 60, "max-points": 1500, "seed": 0, "from": None, "device": "cpu", "gate": "psnr", "pooling": "blocks",
+               "pooling-width": FULL_WIDTH}
     (run / "report.json").write_text(json.dumps({"options": options}))
     (run / "log.jsonl").touch()
     save_model(model, run / "model.ply")
