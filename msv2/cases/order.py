@@ -1,4 +1,4 @@
-"""Cases 36 to 44 and 56: the order of splats, tiles, and sizes of frames."""
+"""Cases 36 to 44, 56 and 76: the order of splats, tiles, and sizes of frames."""
 
 from __future__ import annotations
 
@@ -74,6 +74,30 @@ def FAR_OUTLIER(album, renderer, shots):
     if renderer.name == "golden":
         keys = [seen.frame.projected.depth_key[:120] for seen in both]
         require(np.abs(keys[1] - keys[0]).max() <= 4, "keys must not move")
+
+
+BACKGROUND = (12_000, 5_000, 2_000, 800, 300, 100, 50, 2)
+"""Depths from a sky at 60,000 times the near plane to an object at ten times, in the order of the input."""
+
+
+def _background(renderer: Renderer) -> Shots:
+    model = splats(*[(0, 0, z) for z in BACKGROUND], scale=[[z / 4] * 3 for z in BACKGROUND], opacity=0.6,
+                   colour=np.resize(STACK, (len(BACKGROUND), 3)))
+    return {"sky": Shot(model, view(32, 32))}
+
+
+@scene_case(
+    76, "distant-background", "eight splats at depths from 2 to 12,000, 60,000 times the near plane, the farthest first",
+    "the frame composited by hand, from near to far: all keys differ", shots=_background,
+    gradients=(Gradients("sky", lit=range(8), compared=SMOOTH),))
+def DISTANT_BACKGROUND(album, renderer, shots):
+    alpha = 0.6 * np.exp(-0.5 * 0.5 / ((50 / 4) ** 2 + 0.3))
+    weights = alpha * (1 - alpha) ** np.arange(len(BACKGROUND))
+    colours = np.resize(STACK, (len(BACKGROUND), 3))[::-1]
+    close("sky", album["sky"].image[16, 16], weights @ colours, 2 * renderer.error)
+    if renderer.name == "golden":
+        keys = album["sky"].frame.projected.depth_key
+        require((np.diff(keys) < 0).all(), f"keys must fall with the depth: {keys}")
 
 
 def _inversions() -> float:
@@ -268,5 +292,5 @@ def FRAME_SIZES(album, renderer, shots):
         closed_form(seen, shots[name], renderer, 0.9, what=f"{name}: ")
 
 
-CASES = (EQUAL_DEPTHS, FAR_OUTLIER, KEY_INVERSIONS, SMALL_ROTATIONS, NOTHING_VISIBLE, MORE_THAN_A_BUFFER, FULL_INDEX,
-         ELLIPSE_ON_A_TILE_EDGE, ALL_IN_ONE_TILE, MERGE_THRESHOLDS, FRAME_SIZES)
+CASES = (EQUAL_DEPTHS, FAR_OUTLIER, DISTANT_BACKGROUND, KEY_INVERSIONS, SMALL_ROTATIONS, NOTHING_VISIBLE, MORE_THAN_A_BUFFER,
+         FULL_INDEX, ELLIPSE_ON_A_TILE_EDGE, ALL_IN_ONE_TILE, MERGE_THRESHOLDS, FRAME_SIZES)

@@ -43,9 +43,9 @@ def as_markdown(content: dict[str, object], energies: Table) -> str:
         table(("frame", "memory", "work by", *(f"{name}, mJ" for name in GROUPS), "all, mJ", "pJ a bit"),
               map(_dram, content["frames"]), left=3)]
     lines += ["", "## Assumed and published", "",
-              "Assumed: wires and clock tree of the whole machine are as those of five placed units ([wires.md](../reports/wires.md)): "
-              f"wires are {known.wires.value:.2f} of the load that pins are, a clock tree takes {known.clock_tree.value:.2f} "
-              "of what its pins and the cells behind them take.", "",
+              "Assumed: wires and clock tree of the whole machine are as those of five placed units "
+              f"([wires.md](../reports/wires.md)): wires are {known.wires.value:.2f} of the load that pins are, a clock "
+              f"tree takes {known.clock_tree.value:.2f} of what its pins and the cells behind them take.", "",
               "Published, not like for like:", "",
               table(("design", "node", "frame", "mJ", "from", "differs"),
                     [(o["design"], o["node"], o["frame"], f"{o['mj_per_frame']:.2f}", o["source"], o["differs"])
@@ -88,8 +88,8 @@ def _anchors() -> str:
     return (
         "**Two anchors.** Operations are measured in ASAP7 and scaled to 16 nm from 7 nm. Scaled from 45 nm, Nangate45 says "
         f"{anchor.value:.2f} of that for the same units ({anchor.low:.2f} to {anchor.high:.2f}; "
-        "[energy_anchors.md](../reports/energy_anchors.md)), which the column *chip by Nangate45* takes for all logic; memories and "
-        "leakage stay. Which of the two a chip at 16 nm would have is not known. *From to* has both, with the smallest and "
+        "[energy_anchors.md](../reports/energy_anchors.md)), which the column *chip by Nangate45* takes for all logic; "
+        "memories and leakage stay. Which of the two a chip at 16 nm would have is not known. *From to* has both, with the smallest and "
         "largest shares of wires and clock tree of a placed unit. DRAM's currents are those of data sheets and have no range.")
 
 

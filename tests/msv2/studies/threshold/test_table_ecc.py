@@ -178,8 +178,8 @@ def finished_run(folder, model, totals=(("dense", 30), ("prune", 18))):
     run, dense = folder / "room", small_dense(500)
     run.mkdir(parents=True)
     options = {"scene": "embedded", "variant": "H", "baseline": None, "opacity-enhancement": True, "size": "32x32",
-               "iterations": 60, "max-points": 1500, "seed": 0, "from": None, "device": "cpu", "gate": "psnr", "pooling": "blocks",
-               "pooling-width": FULL_WIDTH}
+               "iterations": 60, "max-points": 1500, "seed": 0, "from": None, "device": "cpu", "gate": "psnr",
+               "pooling": "blocks", "pooling-width": FULL_WIDTH}
     (run / "report.json").write_text(json.dumps({"options": options}))
     (run / "log.jsonl").touch()
     save_model(model, run / "model.ply")

@@ -18,6 +18,7 @@ from msv2.studies.tradeoff.scene import SceneRequest
 from spec.config import PRESETS, V3
 from spec.constants import SUPPORT_SIGMA
 from spec.errors import InputError
+from spec.formats import UQ
 from spec.paths import ROOT
 
 
@@ -83,7 +84,10 @@ def test_presets_are_the_recommendations_of_the_report():
     for name, budget in content["presets"].items():
         parts = content["recommended"][budget]["parts"]
         setting = knobs.combined(name, [tuple(part) for part in parts], 3, content["levels"])
-        assert setting.config.formats == PRESETS[name].formats, name
+        formats = setting.config.formats
+        # The report is older than case 76, which a depth key of 22 bits breaks.
+        formats = replace(formats, depth_key=UQ(max(23, formats.depth_key.int_bits), 0))
+        assert formats == PRESETS[name].formats, name
         assert (3 if setting.sh_degree is None else setting.sh_degree) == PRESETS[name].sh_degree, name
         assert PRESETS[name].with_(name=V3.name, formats=V3.formats, sh_degree=3) == V3
 
