@@ -20,6 +20,7 @@ from msv2.studies.area.estimate import SHORTENED
 from msv2.studies.area.figure import draw
 from msv2.studies.area.page import page
 from msv2.studies.area.replaced import SUPERTILE_LISTS, units_of
+from msv2.studies.destination import newest
 from msv2.studies.page import write_page
 from msv2.studies.record import commit, liberties, write_report
 from spec.command_line import command_parser
@@ -190,5 +191,5 @@ def main(argv: Sequence[str] | None = None) -> int:
                  old if set(report["builds"]) - set(args.builds) else None)
     write_page(args.out / "area.md", page(report))
     draw(report, args.out / "area.png")
-    print(f"wrote {path}, area.md and area.png")
+    print(f"wrote {newest(path)}, area.md and area.png")
     return 0

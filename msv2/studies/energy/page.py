@@ -89,8 +89,9 @@ def _anchors() -> str:
         "**Two anchors.** Operations are measured in ASAP7 and scaled to 16 nm from 7 nm. Scaled from 45 nm, Nangate45 says "
         f"{anchor.value:.2f} of that for the same units ({anchor.low:.2f} to {anchor.high:.2f}; "
         "[energy_anchors.md](../reports/energy_anchors.md)), which the column *chip by Nangate45* takes for all logic; "
-        "memories and leakage stay. Which of the two a chip at 16 nm would have is not known. *From to* has both, with the smallest and "
-        "largest shares of wires and clock tree of a placed unit. DRAM's currents are those of data sheets and have no range.")
+        "memories and leakage stay. Which of the two a chip at 16 nm would have is not known. *From to* has both, with the "
+        "smallest and largest shares of wires and clock tree of a placed unit. DRAM's currents are those of data sheets and "
+        "have no range.")
 
 
 def _summary(frame: dict[str, object]) -> tuple[str, ...]:

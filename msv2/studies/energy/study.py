@@ -22,6 +22,7 @@ from pathlib import Path
 from golden.scenes.camera_options import ORBIT
 from golden.scenes.level_source import RANDOM
 from golden.scenes.request import add_request_arguments, add_stereo_arguments, make_folder, take_stereo_arguments
+from msv2.studies.destination import newest
 from msv2.studies.energy.frame import EnergyReport, counter_counts, frame_energy
 from msv2.studies.energy.page import OTHERS, as_markdown, plot
 from msv2.studies.energy.table import TABLE, Table, load_table
@@ -161,7 +162,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     write_page(args.out / "energy.md", as_markdown(content, table))
     drawn = plot(frames, args.out / "energy.png")
     picture = ", energy.png" if drawn else f"; no picture without matplotlib; {how_to_get('matplotlib')}"
-    print(f"wrote {args.out / 'energy.json'}, energy.md{picture}")
+    print(f"wrote {newest(args.out / 'energy.json')}, energy.md{picture}")
     return 0
 
 

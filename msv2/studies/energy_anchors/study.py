@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from msv2.studies.destination import newest
 from msv2.studies.page import table, write_page
 from msv2.studies.record import commit, liberties, write_report
 from msv2.studies.wires.study import PLACED
@@ -99,5 +100,5 @@ def main(argv: Sequence[str] | None = None) -> int:
     path = args.out / "energy_anchors.json"
     write_report(path, report, [__name__], {"arguments": args}, liberties())
     write_page(args.out / "energy_anchors.md", page(report))
-    print(f"wrote {path} and energy_anchors.md")
+    print(f"wrote {newest(path)} and energy_anchors.md")
     return 0

@@ -16,6 +16,7 @@ from pathlib import Path
 from golden.msv2_ref.pipeline import Frame
 from golden.scenes.captured import CAPTURED, scene_argument
 from golden.scenes.files import read_json
+from msv2.studies.destination import newest
 from msv2.studies.energy.supertiles import STAND_INS
 from msv2.studies.energy.table import TABLE
 from msv2.studies.energy_per_operation.measure import map_work, measure, still
@@ -148,7 +149,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         else:
             samples[machine], commits[machine] = old[f"{prefix}samples"], old[f"{prefix}commit"]
     write_table(args.out, samples, commits, scenes, args.clock_ps, old)
-    print(f"wrote {args.out}")
+    print(f"wrote {newest(args.out)}")
     return 0
 
 

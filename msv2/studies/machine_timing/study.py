@@ -14,6 +14,7 @@ from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from msv2.studies.destination import newest
 from msv2.studies.machine_timing.page import page
 from msv2.studies.page import write_page
 from msv2.studies.record import commit, liberties, write_report
@@ -130,7 +131,7 @@ def _write(args: Namespace, rows: Mapping[str, dict], measured: Sequence[WholeTi
     write_report(store, merged(stored(measured, CLOCK_PS, UNCERTAINTY), kept), [__name__], used, liberties(),
                  kept if earlier else None)
     write_page(args.out / "machine_timing.md", page(report))
-    print(f"wrote {path}, machine_timing.md and {STORE.name}")
+    print(f"wrote {newest(path)}, machine_timing.md and {STORE.name}")
 
 
 def _say(line: str) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from msv2.studies.area.estimate import estimate_area
 from msv2.studies.area.stores import stores
+from msv2.studies.destination import newest
 from msv2.studies.page import table, write_page
 from msv2.studies.record import liberties, write_report
 from spec.command_line import command_parser
@@ -97,5 +98,5 @@ def main(argv: Sequence[str] | None = None) -> int:
     path = args.out / "memory_sizes.json"
     write_report(path, report, [__name__], {"arguments": args, "machines": MACHINES}, liberties())
     write_page(args.out / "memory_sizes.md", page(report))
-    print(f"wrote {path} and memory_sizes.md")
+    print(f"wrote {newest(path)} and memory_sizes.md")
     return 0

@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from msv2.studies.destination import newest
 from msv2.studies.page import write_page
 from msv2.studies.record import commit, liberties, write_report
 from msv2.studies.wires.page import page
@@ -107,5 +108,5 @@ def main(argv: Sequence[str] | None = None) -> int:
     earlier = old if set(rows) - set(args.unit) else None
     write_report(path, report, [__name__], {"arguments": args}, [*liberties(), lef], earlier)
     write_page(args.out / "wires.md", page(report))
-    print(f"wrote {path} and wires.md")
+    print(f"wrote {newest(path)} and wires.md")
     return 0
