@@ -117,8 +117,8 @@ def _always_fresh(config, visits: np.ndarray, entries: np.ndarray, background: n
     return _visits(config, visits, entries, background)
 
 
-def _no_empty_batches(start: np.ndarray, places: np.ndarray, batch_places: int) -> batches.Batches:
-    of = _batches(start, places, batch_places)
+def _no_empty_batches(start: np.ndarray, places: np.ndarray, batch_places: int, *most: int) -> batches.Batches:
+    of = _batches(start, places, batch_places, *most)
     kept = np.diff(of.start) > 0
     return batches.Batches(of.supertile[kept], np.append(of.start[:-1][kept], of.start[-1]), of.final[kept])
 

@@ -31,14 +31,7 @@ def test_every_hard_case_is_there_once():
         case_named("nothing")
 
 
-QUICK_FAULTS = ("no near plane", "no guard band", "no clamp of the Jacobian", "no low-pass filter",
-                "no cut at 1/255 in the array", "ties by arrival, not by index", "a depth of 0 has no disparity",
-                "frames without coverage pass")
-
-
-@pytest.mark.parametrize("fault", [
-    pytest.param(fault, id=f"{fault.column}: {fault.name}", marks=() if fault.name in QUICK_FAULTS else pytest.mark.long)
-    for fault in FAULTS])
+@pytest.mark.parametrize("fault", [pytest.param(fault, id=f"{fault.column}: {fault.name}") for fault in FAULTS])
 def test_seeded_fault_turns_its_case_red(fault):
     run(case_named(fault.case), fault.column)
     seen, words = caught(fault)
