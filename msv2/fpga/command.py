@@ -23,11 +23,12 @@ examples:
   %(prog)s                     everything, for the part LFE5UM5G-85F; it goes on where it was interrupted
   %(prog)s --part synthesis    what the system takes, without placing it
   %(prog)s --part soc          only the simulation: the firmware renders a frame, compared bit for bit
+  %(prog)s --part unrouted     both of these
   %(prog)s --device 85k        for the part LFE5U-85F of the lowest speed grade
   %(prog)s --seed 2            another placement
 """
 
-PARTS = ("all", "synthesis", "bitstream", "soc")
+PARTS = ("all", "unrouted", "synthesis", "bitstream", "soc")
 DEFAULT_OUT = BUILD / "fpga"
 
 
@@ -57,7 +58,7 @@ def build(folder: Path, part: str, device: flow.Device, seed: int) -> dict[str, 
         report |= {"cells": cells, **flow.counted(cells, device)}
     if part in ("all", "bitstream"):
         report |= flow.placed_report(flow.place(steps, device, seed), flow.pack(steps))
-    if part in ("all", "soc"):
+    if part in ("all", "unrouted", "soc"):
         found = soc.simulate(steps, FPGA, source)
         report |= {"soc": found, "soc_bit_exact": found["bit_exact"]}
     return report | {"seconds": steps.seconds, "tools": tools.versions() if not tools.missing() else {}}

@@ -18,11 +18,12 @@ FIELDS = ("fits", "fmax_mhz", "soc_bit_exact", "machine")
 _KINDS = {"lut": "LUT", "ff": "flip-flops", "bram": "blocks of memory", "dsp": "multipliers"}
 
 
-def measured(folder: Path) -> dict[str, object]:
-    """Builds and simulates the system in a folder, which keeps the steps, and returns the report's fields."""
-    tools.check()
-    found = command.build(folder, "all", next(iter(flow.DEVICES.values())), seed=1)
-    return {**{name: found[name] for name in FIELDS[:3]},
+def measured(folder: Path, part: str) -> dict[str, object]:
+    """Builds and simulates the system in a folder, which keeps the steps, and returns the report's fields. `part`: all, or
+    unrouted, which leaves placing and routing out, and with it whether everything has a place, and the clock."""
+    tools.check(command.packages(part))
+    found = command.build(folder, part, next(iter(flow.DEVICES.values())), seed=1)
+    return {**{name: found[name] for name in FIELDS[:3] if name in found},
             "machine": {key: value for key, value in found.items() if key not in FIELDS[:3]}}
 
 
@@ -35,21 +36,22 @@ def table(report: Mapping[str, Any]) -> str:
     """What the system takes, and what else was found, in Markdown."""
     found = report.get("machine")
     if found is None:
-        return "The report has no numbers of the machine yet: `msv2 study run fpga --machine` measures them."
+        return "The report has no numbers of the machine yet: `msv2 study run fpga --machine all` measures them."
     rows = [[_KINDS[kind], f"{used:,}", f"{found['of'][kind]:,}", f"{100 * used / found['of'][kind]:.0f} %"]
             for kind, used in found["used"].items()]
     said = page.table([f"on {found['device']}", "taken", "there are", "share"], rows, left=1)
     soc, seconds = found["soc"], found["seconds"]
     numbers = soc["numbers"]
-    lines = [
+    lines = [["place and route", "not done: no clock, and no bitstream"]] if "fits" not in report else [
         ["everything has a place", "yes" if report["fits"] else "no"],
         ["clock after routing, asked for", f"{report['fmax_mhz']:.1f} MHz, {found['target_mhz']} MHz"],
-        ["bitstream, not compressed", f"{found['bitstream_bytes']:,} bytes"],
+        ["bitstream, not compressed", f"{found['bitstream_bytes']:,} bytes"]]
+    lines += [
         ["frame by the firmware in simulation",
          f"{soc['size'][0]}x{soc['size'][1]} pixels, {soc['intersections']:,} intersections, "
          + ("bit-exact" if report["soc_bit_exact"] else "wrong")],
         ["cycles of that frame, and with the copy of the model", f"{numbers['cycles']:,}, {numbers['simulated_cycles']:,}"],
-        ["synthesis, place and route, simulation", ", ".join(
-            f"{seconds[name] / 60:.0f} min" for name in ("synthesis", "place")) + f", {seconds['soc'] / 60:.0f} min"],
+        ["minutes of the steps", ", ".join(f"{name} {seconds[name] / 60:.1f}" for name in ("synthesis", "place", "soc")
+                                           if name in seconds)],
     ]
     return said + "\n\n" + page.table(["found", ""], lines, left=2)

@@ -3,11 +3,12 @@
     msv2 study run fpga                     every unit of the machines `tiny` and `paper`, one after the other
     msv2 study run fpga --unit axi_master   only the rows of this unit; the other rows stay
     msv2 study run fpga --minutes 10        stop after 10 minutes; the report names the units that were not reached
-    msv2 study run fpga --machine           only the machine `fpga` as a whole: what `msv2 fpga` builds (msv2.fpga)
+    msv2 study run fpga --machine all       only the machine `fpga` as a whole: what `msv2 fpga` builds (msv2.fpga)
+    msv2 study run fpga --machine unrouted  the same without placing and routing
     msv2 study run fpga --check             only says whether the page differs from the report
 
 A unit is synthesised alone, as one flat netlist, in a process of its own with limits of time and memory. Where a limit is
-met, the report says so in place of the numbers. Only the machine `fpga` is placed and routed, and so has a clock rate.
+met, the report says so in place of the numbers. Only the machine `fpga` can be placed and routed, and then has a clock rate.
 
 What was synthesised is kept in build/fpga under a hash of the unit's netlist before synthesis: a study that was interrupted
 goes on where it was, and after a change of the RTL only the changed units are synthesised.
@@ -215,7 +216,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = command_parser("msv2 study run fpga", __doc__)
     parser.add_argument("--unit", action="append", metavar="UNIT", help="only this unit; may be given several times")
     parser.add_argument("--minutes", type=float, default=math.inf, metavar="N", help="stop after N minutes (default: no limit)")
-    parser.add_argument("--machine", action="store_true", help="only the machine `fpga` as a whole")
+    parser.add_argument("--machine", metavar="PART", help="only the machine `fpga` as a whole: all, or unrouted")
     parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where the page is stale")
     args = parser.parse_args(argv)
     if args.check:
@@ -227,8 +228,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     units = [choice("unit", name, UNITS) for name in args.unit or UNITS]
     before = read_json(REPORT) if REPORT.exists() else None
     if args.machine:
-        found = machine.measured(make_folder(BUILD / "fpga"))
-        write_report(REPORT, {**(before or {"rows": []}), **found}, [__name__, MEASURE, *machine.MODULES],
+        found = machine.measured(make_folder(BUILD / "fpga"), choice("part", args.machine, ("all", "unrouted")))
+        units_only = {key: value for key, value in (before or {"rows": []}).items() if key not in machine.FIELDS}
+        write_report(REPORT, units_only | found, [__name__, MEASURE, *machine.MODULES],
                      {"units": units, "machines": [FPGA]}, earlier=before)
         return fill()
     old = before if args.unit else None
