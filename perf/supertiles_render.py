@@ -6,7 +6,18 @@ Units are stepped from the last to the first, for the reason that `perf.geometry
 
 from __future__ import annotations
 
-from perf import blending, bus, chunks, lists, memory, sorter, supertiles_batch, supertiles_gather, supertiles_warp
+from perf import (
+    blending,
+    bus,
+    chunks,
+    lists,
+    memory,
+    sorter,
+    supertiles_batch,
+    supertiles_gather,
+    supertiles_rows,
+    supertiles_warp,
+)
 from perf.bus import CHUNKS, COLOUR, ENTRIES, SPILL, TILES, W_FRAME, W_SPILL, W_WARP
 from perf.kernel import phase, step
 from perf.supertiles_batch import stream_layout
@@ -44,7 +55,7 @@ def _arrays(s, streams, strips, t, writer, batch_visit, visit_tile, visit_final,
         supertiles_warp.step_rows(
             s, streams, strips, t, writer == W_FRAME, writer == W_WARP, drawn, sizes, fills_0, fills_1, tile_times)
     else:
-        supertiles_batch.step_rows(s, streams, t, writer == W_FRAME, drawn, sizes, tile_times)
+        supertiles_rows.step_rows(s, streams, t, writer == W_FRAME, drawn, sizes, tile_times)
     for q in range(count):
         a = streams[q]
         there, taken = supertiles_batch.step_setup(

@@ -7,7 +7,7 @@ the memory, in turn where both have one, through a register.
 
 from __future__ import annotations
 
-from perf import blending, bus, supertiles_batch, warp
+from perf import blending, bus, supertiles_batch, supertiles_rows, warp
 from perf.bus import W_WARP
 from perf.kernel import phase, step
 from perf.layout import Layout
@@ -88,9 +88,9 @@ def step_rows(s, streams, strips, t, granted, sent, drawn, sizes, fills_0, fills
     """Moves a row of pixels to the buffer before the pixel writer and, if it is one of the source, to that before the warp
     unit, and one from there to each of both. `granted`: a beat of the pixel writer is, `sent`: one of the warp unit."""
     waiting, warp_waiting = s.rows_waiting, s.strip_rows
-    supertiles_batch.write_row(s, t, granted, streams[0].cores_y, drawn, sizes, tile_times)
+    supertiles_rows.write_row(s, t, granted, streams[0].cores_y, drawn, sizes, tile_times)
     step_strips(s, strips, t, sent, drawn, fills_0, fills_1)
-    if not supertiles_batch.row_offered(s, streams, t):
+    if not supertiles_rows.row_offered(s, streams, t):
         return
     wanted = 3 if drawn[s.tile_in] < s.eye_tiles else 1
     to_pixels = s.strip_done & 1 == 0 and waiting < blending.ROWS_WAITING
@@ -100,7 +100,7 @@ def step_rows(s, streams, strips, t, granted, sent, drawn, sizes, fills_0, fills
     s.strip_done |= to_pixels | to_warp << 1
     if s.strip_done == wanted:
         s.strip_done = 0
-        supertiles_batch.take_row(s, streams)
+        supertiles_rows.take_row(s, streams)
 
 
 @step
