@@ -39,8 +39,8 @@ def row_taken(s, t, granted, offered, cores_y, drawn, sizes):
 
 @step
 def step_rows(s, streams, t, granted, drawn, sizes, tile_times):
-    """Moves a row of pixels, of one array or of two side by side, to the buffer before the pixel writer or the frame packer,
-    and one from there to the unit."""
+    """Moves a row of pixels, of one array or of two side by side, to the buffer in front of the pixel writer or the frame
+    packer, and a row from the buffer to that unit."""
     cores_y, waiting = streams[0].cores_y, s.rows_waiting
     write_row(s, t, granted, cores_y, drawn, sizes, tile_times)
     if waiting < blending.ROWS_WAITING and row_offered(s, streams, t):
