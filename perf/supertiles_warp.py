@@ -85,9 +85,9 @@ def _next_source(s, at, drawn):
 
 @step
 def step_rows(s, streams, strips, t, granted, sent, drawn, sizes, fills_0, fills_1, tile_times):
-    """Moves a row of pixels from the arrays to the buffer in front of the pixel writer and, if it is one of the source, to that in
-    front of the warp unit, and a row from each buffer to its unit. `granted`: a beat of the pixel writer is, `sent`: one of the
-    warp unit."""
+    """Moves a row of pixels from the arrays to the buffer in front of the pixel writer and, if it is one of the source, to that
+    in front of the warp unit, and a row from each buffer to its unit. `granted`: a beat of the pixel writer is, `sent`: one of
+    the warp unit."""
     waiting, warp_waiting = s.rows_waiting, s.strip_rows
     supertiles_rows.write_row(s, t, granted, streams[0].cores_y, drawn, sizes, tile_times)
     step_strips(s, strips, t, sent, drawn, fills_0, fills_1)
