@@ -46,8 +46,9 @@ its own bound b that also lies in its box: no such tile exists, or first[x] > x_
 first[x] + first[y] > sum_most, last[x] + last[y] < sum_least, first[x] - last[y] > difference_most, or
 last[x] - first[y] < difference_least.
 
-The chunk is *faint* where its opacity's code is 0, and *empty* where its count is 0. A chunk that is behind, outside, filtered,
-faint or empty is skipped; one counter counts all of them.
+The chunk is *faint* where its opacity's code is 0, *empty* where its count is 0, and *astray* where its count is above CHUNK or
+`first` + `count` is above the model's number of Gaussians: whatever lies in memory, nothing is read outside the model. A chunk
+that is behind, outside, filtered, faint, empty or astray is skipped; one counter counts all of them.
 
 **Why no survivor is lost.** In units of 2^-14, half an ulp of `chunk`: v differs by at most 8 of the sum of |rotation| * |a|
 from what it is for the centre, because cutting `rotation` and `o` costs 2 each, and four more roundings 1 each; lo and hi are

@@ -13,6 +13,7 @@ from golden.host.registers import FrameRegisters
 from spec.chunks import (
     BOX_SHIFT,
     CENTRE_MARGIN,
+    CHUNK,
     SCALE_TOP_STEPS,
     WIDE_SPREAD,
     pad,
@@ -62,7 +63,7 @@ class ChunkTest(NamedTuple):
     """What the chunk test finds of each chunk; a chunk can have several reasons to be skipped.
 
     Attributes:
-        behind, faint, outside, filtered, empty: (C,) bool, why it is skipped.
+        behind, faint, outside, filtered, empty, astray: (C,) bool, why it is skipped.
         first, last: (C, 2) int64, the columns and rows of tiles that it can touch, clamped to the frame; undefined where the
             chunk is behind or outside.
     """
@@ -72,13 +73,14 @@ class ChunkTest(NamedTuple):
     outside: np.ndarray
     filtered: np.ndarray
     empty: np.ndarray
+    astray: np.ndarray
     first: np.ndarray
     last: np.ndarray
 
     @property
     def read(self) -> np.ndarray:
         """(C,) bool: the chunks that are read."""
-        return ~(self.behind | self.faint | self.outside | self.filtered | self.empty)
+        return ~(self.behind | self.faint | self.outside | self.filtered | self.empty | self.astray)
 
 
 def _cut(x: np.ndarray | float, to: SmallFloat) -> np.ndarray:
@@ -88,13 +90,15 @@ def _cut(x: np.ndarray | float, to: SmallFloat) -> np.ndarray:
 
 
 def judged_chunks(
-    config: AcceleratorConfig, chunks: np.ndarray, registers: FrameRegisters, rendered: np.ndarray | None = None,
+    config: AcceleratorConfig, chunks: np.ndarray, gaussians: int, registers: FrameRegisters,
+    rendered: np.ndarray | None = None,
 ) -> ChunkTest:
     """Tests every chunk.
 
     Args:
         config: the machine.
         chunks: (C,) ChunkHeader records.
+        gaussians: number of Gaussians of the model.
         registers: the frame's registers.
         rendered: (tiles,) bool: tiles that are rendered; None: all.
     """
@@ -126,7 +130,9 @@ def judged_chunks(
     bounds = level_bounds(r.header[:, 0], r.tiles_x, rendered)
     outside &= ~behind
     filtered = _filtered(chunks["bound"], bounds, first, last) & ~(behind | outside)
-    return ChunkTest(behind, chunks["opacity"] == 0, outside, filtered, chunks["count"] == 0, first, last)
+    count = chunks["count"].astype(np.int64)
+    astray = (count > CHUNK) | (chunks["first"] + count > gaussians)
+    return ChunkTest(behind, chunks["opacity"] == 0, outside, filtered, count == 0, astray, first, last)
 
 
 def _intervals(config: AcceleratorConfig, chunks: np.ndarray, r: FrameRegisters) -> tuple[np.ndarray, np.ndarray]:
@@ -157,10 +163,11 @@ def _filtered(bound: np.ndarray, bounds: LevelBounds, first: np.ndarray, last: n
 
 
 def read_chunks(
-    config: AcceleratorConfig, chunks: np.ndarray, registers: FrameRegisters, rendered: np.ndarray | None = None,
+    config: AcceleratorConfig, chunks: np.ndarray, gaussians: int, registers: FrameRegisters,
+    rendered: np.ndarray | None = None,
 ) -> np.ndarray:
     """(C,) bool: which chunks the machine reads in a frame; the arguments are those of `judged_chunks`."""
-    return judged_chunks(config, chunks, registers, rendered).read
+    return judged_chunks(config, chunks, gaussians, registers, rendered).read
 
 
 def read_points(chunks: np.ndarray, read: np.ndarray, count: int) -> np.ndarray:

@@ -125,7 +125,7 @@ def project_eyes(
 ) -> tuple[projection.Projected, projection.Projected]:
     """The projection's results for source and target, with the source's depth keys and culls (`spec.joint`)."""
     read = None if words.chunks is None else np.logical_or(
-        *(read_chunks(config, words.chunks, eye) for eye in registers.eyes))
+        *(read_chunks(config, words.chunks, len(words.geometry), eye) for eye in registers.eyes))
     source, target = (projection.project(config, words, eye, read=read) for eye in registers.eyes)
     reason = np.where(source.reason == projection.NEAR, source.reason, target.reason)
     return source, target._replace(depth_key=source.depth_key, reason=reason)

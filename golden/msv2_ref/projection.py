@@ -310,7 +310,7 @@ def project(
     near, faint = ~(view_depth > r.near), d.opacity < k.faintest
     out.reason[faint], out.reason[near] = FAINT, NEAR
     if words.chunks is not None:
-        read = read_chunks(config, words.chunks, registers, rendered) if read is None else read
+        read = read_chunks(config, words.chunks, count, registers, rendered) if read is None else read
         out.reason[~read_points(words.chunks, read, count)] = UNREAD
     rows = np.flatnonzero(out.reason == VISIBLE)
     for_slices(_project, len(rows), rows, view_depth, d.mean, d.scale, d.quat, d.opacity, camera, k, *out)

@@ -19,6 +19,7 @@ from rtl.shapes import layout
 from spec.chunks import (
     BOX_SHIFT,
     CENTRE_MARGIN,
+    CHUNK,
     COUNT_BITS,
     EXTENT_BITS,
     SCALE_TOP_BITS,
@@ -36,8 +37,9 @@ from spec.compact import OPACITY_BITS, STEP_BIAS
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS, TILE
 from spec.formats import SQ, UQ, Fixed, Rounding, SmallFloat
+from spec.records import INDEX_BITS
 
-SETTINGS = ("position", "rotation", "near", "reach", "centre", "width", "height")
+SETTINGS = ("position", "rotation", "near", "reach", "centre", "width", "height", "gaussians")
 
 _PLACES = TILE.bit_length() - 1
 
@@ -56,7 +58,8 @@ def chunk_graph(config: AcceleratorConfig, *, details: bool = False) -> Dataflow
     """The graph of whether a chunk is skipped.
 
     Its settings `rotation`, `near` and `reach` are cut to the format `chunk`, `centre` to whole pixels; `last_tile` has the
-    last column and the last row of the frame's tiles, and `octagon_0` and so on are the level bounds. In machines with joint
+    last column and the last row of the frame's tiles, `gaussians` is the model's number of Gaussians, and `octagon_0` and so on
+    are the level bounds. In machines with joint
     frames each slot is the test for one eye: the eye and its position are inputs, and `target_octagon_0` and so on are the
     target's level bounds.
 
@@ -100,7 +103,12 @@ def chunk_graph(config: AcceleratorConfig, *, details: bool = False) -> Dataflow
     octagon = g.logic("octagon", octagon_layout(config), lambda chosen, *each: Array(each)[chosen], chosen, *octagons)
     filtered = g.logic("filtered", 1, _filtered, octagon, *_sides(g, tile, runs))
     nothing = g.logic("nothing", 1, lambda opacity, count: ~opacity.any() | ~count.any(), opacity, count)
-    reasons = {"behind": behind, "outside_x": outside[0], "outside_y": outside[1], "filtered": filtered, "nothing": nothing}
+    after = g.logic("after", unsigned(INDEX_BITS + 1), lambda first, count: first + count,
+                    g.input("first", unsigned(INDEX_BITS)), count)
+    astray = g.logic("astray", 1, lambda count, after, most: (count > CHUNK) | (after > most), count, after,
+                     g.setting("gaussians", UQ(INDEX_BITS, 0)))
+    reasons = {"behind": behind, "outside_x": outside[0], "outside_y": outside[1], "filtered": filtered, "nothing": nothing,
+               "astray": astray}
     g.output("skipped", g.logic("skipped", 1, lambda *each: Cat(*each).any(), *reasons.values()))
     if details:
         places = {f"{end}_{name}": node for name, run in zip("xy", runs, strict=True)
@@ -211,7 +219,7 @@ class ChunkTest(wiring.Component):
     Ports:
         headers: HeaderItem items; a frame ends with an item with `end`.
         tested: those that are read, in order and unchanged, and every item with `end`.
-        position, rotation, near, reach, centre, width, height: settings; near is positive.
+        position, rotation, near, reach, centre, width, height, gaussians: settings; near is positive.
         bounds: the frame's level bounds (`LevelBounds`); like the settings, they are stable while chunks are tested.
         target_position, joint, target_bounds: with joint frames, further settings, and the level bounds of the target.
         chunks_read, chunks_skipped: number of the frame's chunks that are read, and that were skipped, among those that have
@@ -247,7 +255,7 @@ class ChunkTest(wiring.Component):
         m.submodules.datapath = path = self.datapath
         m.submodules.queue = queue = SyncFIFOBuffered(width=self.tested.payload.shape().size, depth=TESTED_CHUNKS)
         self._settings(m)
-        names = ("low", "step", "extent", "scale_top", "opacity", "bound", "count")
+        names = ("low", "step", "extent", "scale_top", "opacity", "bound", "count", "first")
         for name, value in flatten({name: self.headers.payload[name] for name in names}).items():
             m.d.comb += path.sink.payload[name].eq(value)
         m.d.comb += [
@@ -291,7 +299,7 @@ class ChunkTest(wiring.Component):
                 m.d.comb += path.position[i].eq(self.position[i])
         for i in range(9):
             m.d.comb += path.rotation[i].eq(cut(self.rotation[i], n.view, n.chunk))
-        m.d.comb += path.near.eq(cut(self.near, n.view, n.chunk))
+        m.d.comb += [path.near.eq(cut(self.near, n.view, n.chunk)), path.gaussians.eq(self.gaussians)]
         for k, size in enumerate((self.width, self.height)):
             last = Signal(place_bits(self._config), name=f"last_tile_{k}", reset_less=True)
             m.d.sync += last.eq((size - 1) >> _PLACES)

@@ -65,7 +65,7 @@ def plan_of(case: Case, name: str) -> Planned:
         rows[key] = headers[field][:, int(number)] if field in ("low", "step", "extent") else headers[key]
     wanted = np.zeros(len(headers), _record("ChunkGraphOutput", graph.outputs).dtype)
     wanted["skipped"], wanted["behind"], wanted["nothing"] = ~judged.read, judged.behind, judged.faint | judged.empty
-    wanted["outside_x"], wanted["filtered"] = judged.outside, judged.filtered
+    wanted["outside_x"], wanted["filtered"], wanted["astray"] = judged.outside, judged.filtered, judged.astray
     for end in ("first", "last"):
         for k, axis in enumerate("xy"):
             wanted[f"{end}_{axis}"] = getattr(judged, end)[:, k]
@@ -79,7 +79,8 @@ def settings_of(case: Case) -> dict[str, int]:
     numbers = {
         "position": n.view.quantise(r.position), "rotation": n.view.quantise(r.rotation.ravel()) >> drop,
         "near": n.view.quantise(r.near) >> drop, "reach": n.view.quantise(r.reach) >> drop,
-        "centre": r.centre >> n.mean2d.frac_bits, "last_tile": [r.tiles_x - 1, r.tiles_y - 1]}
+        "centre": r.centre >> n.mean2d.frac_bits, "last_tile": [r.tiles_x - 1, r.tiles_y - 1],
+        "gaussians": case.gaussians}
     ports, found = chunk_graph(case.config).ports, {}
     for name, values in numbers.items():
         width = ports[name][0].width
@@ -115,7 +116,7 @@ def full_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:
     """The share of headers by reason."""
     rows = np.concatenate([item.expected["source"] for item in plan])
-    names = ("behind", "outside_x", "filtered", "nothing", "skipped")
+    names = ("behind", "outside_x", "filtered", "nothing", "astray", "skipped")
     return [", ".join(f"{name.removesuffix('_x')} {rows[name].mean():.0%}" for name in names)]
 
 

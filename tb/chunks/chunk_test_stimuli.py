@@ -21,7 +21,7 @@ from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS
 from spec.formats import SmallFloat
 from spec.memory import frame_settings
-from spec.records import Record
+from spec.records import INDEX_BITS, Record
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class Case:
         name: the case's name, for messages.
         config: the machine.
         frames: the headers of each frame, ChunkHeader records.
+        gaussians: the model's number of Gaussians. Chunks may claim others.
         registers: the frame registers.
         rendered: (tiles,) bool, the tiles that are rendered; None: all.
         target: the registers of the target, in joint frames.
@@ -40,6 +41,7 @@ class Case:
     name: str
     config: AcceleratorConfig
     frames: tuple[np.ndarray, ...]
+    gaussians: int
     registers: FrameRegisters
     rendered: np.ndarray | None = None
     target: FrameRegisters | None = None
@@ -51,12 +53,14 @@ class Case:
 
     def judged(self, frame: int) -> ChunkTest:
         """The golden results of a frame, in joint frames for the source."""
-        return judged_chunks(self.config, self.frames[frame], self.registers, self.rendered)
+        return judged_chunks(self.config, self.frames[frame], self.gaussians, self.registers, self.rendered)
 
     def read(self, frame: int) -> np.ndarray:
         """(C,) bool: whether each chunk of a frame is read, which in joint frames either eye decides."""
         read = self.judged(frame).read
-        return read if self.target is None else read | judged_chunks(self.config, self.frames[frame], self.target).read
+        if self.target is None:
+            return read
+        return read | judged_chunks(self.config, self.frames[frame], self.gaussians, self.target).read
 
     @property
     def items(self) -> np.ndarray:
@@ -80,9 +84,11 @@ class Case:
         """Bit patterns of the unit's settings."""
         fields = {f.name: f for f in frame_settings(self.config).fields}
         found = {}
-        position = {} if not self.config.joint else {"target_position": (self.target or self.registers).position}
-        for name in (*SETTINGS, *position):
-            f, value = fields[name], np.ravel(position[name] if name in position else getattr(self.registers, name))
+        others = {"gaussians": self.gaussians}
+        if self.config.joint:
+            others["target_position"] = (self.target or self.registers).position
+        for name in {*SETTINGS, *others}:
+            f, value = fields[name], np.ravel(others[name] if name in others else getattr(self.registers, name))
             raw = f.format.quantise(value).tolist() if isinstance(f.format, SmallFloat) else value.tolist()
             found[name] = Record(name, "", (f,)).pack({name: raw})
         found |= {"bounds": bounds_pattern(self.config, self.registers, self.rendered)}
@@ -223,7 +229,15 @@ def case_of(
         registers = replace(registers, rotation=config.formats.view.round(registers.rotation * 2.0 ** rng.integers(0, 90)))
     tiles = len(registers.header)
     rendered = [None, rng.random(tiles) < 0.1, np.zeros(tiles, bool), np.arange(tiles) == rng.integers(tiles)][rng.integers(4)]
-    return Case(kind, config, (KINDS[kind](config, rng, registers, count),), registers, rendered)
+    headers = KINDS[kind](config, rng, registers, count)
+    return Case(kind, config, (headers,), some_gaussians(rng, headers), registers, rendered)
+
+
+def some_gaussians(rng: np.random.Generator, headers: np.ndarray) -> int:
+    """A model's number of Gaussians that leaves out none of these chunks, or the last few, or cuts one in two."""
+    ends = np.sort(headers["first"].astype(np.int64) + headers["count"])
+    most = (1 << INDEX_BITS) - 1
+    return int(rng.choice([most, min(ends[-1], most), min(ends[-1 - len(ends) // 8] - rng.integers(0, 2), most)]))
 
 
 def for_two_eyes(config: AcceleratorConfig, rng: np.random.Generator, case: Case, distance: float) -> Case:
@@ -242,19 +256,22 @@ def mixed_case(config: AcceleratorConfig, rng: np.random.Generator, name: str, c
     makers = [make for kind, make in KINDS.items() if kind != "extreme"]
     frames = [np.concatenate([make(config, rng, case.registers, len(part)) for make, part in zip(
         makers, np.array_split(np.arange(count), len(makers)), strict=True)]) for count in counts]
-    return replace(case, name=name, frames=tuple(map(rng.permutation, frames)))
+    gaussians = some_gaussians(rng, np.concatenate(frames))
+    return replace(case, name=name, frames=tuple(map(rng.permutation, frames)), gaussians=gaussians)
 
 
 def model_case(config: AcceleratorConfig, rng: np.random.Generator, count: int) -> Case:
     """The chunks of a random model, seen by a camera among its splats."""
     words = quantise_model(config, cloud(rng, count))
-    return replace(case_of(config, rng, "seen", 1), name=f"model of {count}", frames=(words.chunks,))
+    return replace(case_of(config, rng, "seen", 1), name=f"model of {count}", frames=(words.chunks,),
+                   gaussians=len(words.geometry))
 
 
 def uniform_case(config: AcceleratorConfig, rng: np.random.Generator, read: bool, count: int) -> Case:
     """A frame whose chunks are all read, or all skipped."""
-    case, found = replace(case_of(config, rng, "seen", 1, (256, 256)), rendered=None), []
+    case = replace(case_of(config, rng, "seen", 1, (256, 256)), rendered=None, gaussians=count * CHUNK)
+    found: list[np.ndarray] = []
     while sum(map(len, found)) < count:
         headers = seen(config, rng, case.registers, count)
-        found.append(headers[judged_chunks(config, headers, case.registers).read == read])
+        found.append(headers[judged_chunks(config, headers, case.gaussians, case.registers).read == read])
     return replace(case, name="rate read" if read else "rate skipped", frames=(np.concatenate(found)[:count],))

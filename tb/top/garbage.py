@@ -2,8 +2,8 @@
 
 Such a frame may show anything or be refused, but it must end, keep the rules of the bus, write nothing into what the host
 filled, and leave the machine so that the next frame is right. What the host must get right is where things lie: bases and sizes
-of regions, the numbers of Gaussians and chunks, which Gaussians belong to a chunk, and a frame that fits its region. Machines
-with super-tiles may need their watchdog, for which a simulation waits only in the machine of `tb.top.power_up`.
+of regions, the numbers of Gaussians and chunks, and a frame that fits its region. Machines with super-tiles may need their
+watchdog, for which a simulation waits only in the machine of `tb.top.power_up`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from spec.chunks import chunk_header
 from spec.codes import ErrorCode
 from spec.config import AcceleratorConfig
 from spec.host_settings import settings
@@ -70,8 +69,6 @@ def _spoil_memory(rng: np.random.Generator, item: PlannedFrame) -> tuple[Planned
     contents: dict[str, np.ndarray] = dict(image.contents)
     for name in chosen:
         contents[name] = _spoilt(rng, image.contents[name], str(rng.choice(WAYS)))
-        if name == "chunks":
-            contents[name] = _with_places(image.config, image.contents[name], contents[name])
     return replace(item, run=replace(item.run, image=replace(image, contents=contents))), [str(name) for name in chosen]
 
 
@@ -84,16 +81,6 @@ def _spoilt(rng: np.random.Generator, rows: np.ndarray, way: str) -> np.ndarray:
     if way == "repeated":
         return np.repeat(rows[rng.integers(len(rows))][None], len(rows), 0)
     return np.full_like(rows, 0 if way == "zeros" else 255)
-
-
-def _with_places(config: AcceleratorConfig, good: np.ndarray, spoilt: np.ndarray) -> np.ndarray:
-    """Spoilt headers of chunks that have the Gaussians of the good ones."""
-    offset, kept = 0, np.zeros(8 * good.shape[1], bool)
-    for part in chunk_header(config).fields:
-        kept[offset : offset + part.width] = part.name in ("count", "first")
-        offset += part.width
-    bits = np.where(kept, *(np.unpackbits(rows, axis=1, bitorder="little") for rows in (good, spoilt)))
-    return np.packbits(bits, axis=1, bitorder="little")
 
 
 def _random_settings(rng: np.random.Generator, config: AcceleratorConfig) -> dict[str, int]:

@@ -117,7 +117,7 @@ def loses_nothing(seed: int, kind: str, machine: str, count: int, levels: int) -
     obb = bool(rng.random() < 0.3)
     wanted = survivors(config, replace(words, chunks=None), registers, rendered, obb)
     assert np.array_equal(survivors(config, words, registers, rendered, obb), wanted)
-    return int((~read_chunks(config, words.chunks, registers, rendered)).sum())
+    return int((~read_chunks(config, words.chunks, count, registers, rendered)).sum())
 
 
 ANY_FRAME = (st.integers(0, 2**32 - 1), st.sampled_from(KINDS), st.sampled_from(list(MACHINES)), st.integers(1, 400),
@@ -180,7 +180,7 @@ def words_at(*means, **options) -> GaussianWords:
 def judged(words: GaussianWords, camera: Camera, foveation: FoveationMap | None = None):
     registers = frame_registers(
         WIDE, camera, words, foveation or no_foveation(Display(camera.width, camera.height)), np.zeros(3))
-    return judged_chunks(WIDE, words.chunks, registers)
+    return judged_chunks(WIDE, words.chunks, len(words.geometry), registers)
 
 
 def test_each_reason_is_found_alone():
@@ -188,7 +188,7 @@ def test_each_reason_is_found_alone():
     behind, outside = judged(words_at((0, 0, -3)), camera), judged(words_at((90, 0, 3)), camera)
     faint, seen = judged(words_at((0, 0, 3), opacity=1e-4), camera), judged(words_at((0, 0, 3)), camera)
     for found, name in ((behind, "behind"), (outside, "outside"), (faint, "faint")):
-        assert {n for n in ("behind", "faint", "outside", "filtered", "empty") if getattr(found, n).all()} == {name}
+        assert {n for n in ("behind", "faint", "outside", "filtered", "empty", "astray") if getattr(found, n).all()} == {name}
         assert not found.read.any()
     assert seen.read.all()
 
@@ -211,6 +211,16 @@ def test_an_empty_chunk_is_skipped_and_an_empty_model_has_none():
     assert judged(replace(words, chunks=empty), view()).empty.all()
     none = judged(quantise_model(WIDE, splats(opacity=0.0)), view())
     assert none.read.shape == (0,)
+
+
+@pytest.mark.parametrize(("first", "count", "astray"), [
+    (0, CHUNK, False), (1, CHUNK - 1, False), (1, CHUNK, True), (0, CHUNK + 1, True), (CHUNK, 1, True), (2**24 - 1, 127, True)])
+def test_a_chunk_that_reaches_beyond_the_model_is_skipped(first, count, astray):
+    words = quantise_model(WIDE, splats(*((0, 0, 3),) * CHUNK))
+    lying = words.chunks[:1].copy()
+    lying["first"], lying["count"] = first, count
+    found = judged(replace(words, chunks=lying), view())
+    assert found.astray.tolist() == [astray] and found.read.tolist() == [not astray]
 
 
 def test_points_of_skipped_chunks_count_nowhere():

@@ -182,8 +182,8 @@ def test_chunks_are_read_where_either_eye_sees_them():
         model = replace(random_model(rng, 900, levels=1, sh=0), means=camera.position + place @ camera.rotation,
                         log_scales=np.full((900, 3), -4.0))
         frame = render_joint(model, stereo_pair(camera, ipd_metres=3.0, source_eye=eye), config=SMALL)
-        chunks = frame.source.words.chunks
-        mine, other = (read_chunks(frame.config, chunks, r) for r in frame.registers.eyes)
+        chunks, count = frame.source.words.chunks, len(frame.source.words.geometry)
+        mine, other = (read_chunks(frame.config, chunks, count, r) for r in frame.registers.eyes)
         seen |= {name for name, only in (("source", mine & ~other), ("target", other & ~mine)) if only.any()}
         assert frame.source.chunks_read == (mine | other).sum()
         for drawn in frame.eyes:

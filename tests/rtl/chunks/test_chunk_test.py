@@ -50,7 +50,7 @@ def test_every_reason_and_every_box_is_the_golden_one(tmp_path):
     plan = chunk_graph_suite.full_plan(V3_RECORDS, 1)
     assert chunk_graph_suite.run_plan(V3_RECORDS, plan, tmp_path).failures == {}
     rows = np.concatenate([item.expected["source"] for item in plan])
-    for name in ("behind", "outside_x", "filtered", "nothing", "skipped"):
+    for name in ("behind", "outside_x", "filtered", "nothing", "astray", "skipped"):
         assert 50 < rows[name].sum() < len(rows) - 50, name
 
 

@@ -53,7 +53,8 @@ def test_what_is_random_and_what_is_not():
     kept = {s.name for s in settings(TINY_V3) if s.name.endswith(("_base", "_beats"))} | {"gaussians", "chunks", "width"}
     assert not any(kept & set(one.item.run.changes) for one in spoilt)
     assert any(len(one.item.run.changes) > 20 for one in spoilt)
-    assert all(np.array_equal(places(one.item.run.image), places(two.item.run.image))
-               for one, two in zip(plan[::2], plan[1::2], strict=True))
+    for place in range(2):
+        assert any((places(one.item.run.image) != places(two.item.run.image))[:, place].any()
+                   for one, two in zip(plan[::2], plan[1::2], strict=True))
     good = plan[1].item.run.image.contents
     assert any(not np.array_equal(rows, good[name]) for name, rows in spoilt[0].item.run.image.contents.items())
