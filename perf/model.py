@@ -32,7 +32,7 @@ from spec.memory import (
     PIXEL_BYTES,
     colour_beats,
 )
-from spec.queues import OUTPUT_DRAINS, TILE_TEST_BESIDE
+from spec.queues import OUTPUT_DRAINS, TILE_TEST_BESIDE, read_depths
 from spec.records import COUNT_BITS, frame_lists
 from spec.registers import STEREO_WRITE_CLIENTS, WRITE_CLIENTS, read_clients
 from spec.stages import StagePhase, watched
@@ -177,7 +177,8 @@ def _eye(
 ) -> _Pass:
     """Simulates an eye's pass, phase after phase."""
     memory.wait(trace.tiles_y + 1)
-    table = table_cycles(memory, len(eye.counts), where.target_tiles if number else where.tiles)
+    table = table_cycles(memory, len(eye.counts), where.target_tiles if number else where.tiles,
+                         read_depths(config))
     shapes, counted = _geometry(trace, eye, config, memory, written, where)
     latency = _TMU_LATENCY + (COUNT_BITS + frame_lists(config).bit_length() + 1 if beta is None else 0)
     drawn = _render(trace, eye, number, config, memory, display, written, plan, where,
@@ -197,7 +198,7 @@ def _geometry(
     trace: FrameTrace, eye: EyeTrace, config: AcceleratorConfig, memory: LastingMemory, written: Lists, where: MemoryMap,
 ) -> tuple[_Pass, int]:
     """Simulates the geometry phase. Returns it with the cycle in which its last intersection was in memory."""
-    s = memory.begin(geometry.layout)
+    s = memory.begin(geometry.layout, read_depths(config))
     paths, beats = constants.culling(config), colour_beats(config, trace.sh_degree)
     datapath.set_culling(s, paths)
     s.points, s.kept_room = trace.points, paths.ellipse.rows + TILE_TEST_BESIDE
@@ -248,7 +249,7 @@ def _render(
 ) -> _Pass:
     """Simulates the rendering phase."""
     line = config.line_buffer_bytes // ENTRY_BYTES
-    s = memory.begin(warp.layout)
+    s = memory.begin(warp.layout, read_depths(config))
     s.line_size, s.line_mask = line, (1 << (line - 1).bit_length()) - 1
     s.tile_count, s.rendered_tiles, s.sweep_from = len(eye.counts), len(plan.drawn), sweep_from
     s.pointer_room, s.wait_room = 64, 2 * -(-config.row_width // TILE) + 64

@@ -29,7 +29,7 @@ from perf.supertiles_plan import frame_beats, steady_bounds
 from perf.supertiles_trace import SuperTrace
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES, PIXEL_BYTES
-from spec.queues import SUPERTILE_READ_DEPTHS
+from spec.queues import read_depths
 from spec.registers import WRITE_CLIENTS
 from spec.supertiles import check_supertiles
 
@@ -169,12 +169,12 @@ def simulate_overlap(
     model = memory or MemoryModel(LPDDR3)
     supertiles.check_trace(trace, config, packed)
     plan = super_plan(trace, config, steady_bounds(trace, config) if bounds is None else bounds, None, display, packed)
-    s = LastingMemory(model).begin(supertiles_render.layout, SUPERTILE_READ_DEPTHS)
+    s = LastingMemory(model).begin(supertiles_render.layout, read_depths(config))
     s.credits[GEOMETRY] = s.credits[BIN_CHUNKS] = _UNLIMITED
     pixels = supertiles.PACKED if packed else int(display)
     streams, *second = render_arguments(
         s, trace, config, pixels, shared_colour, plan, supertiles.merge_latency(config, None))
-    b = LastingMemory(model).begin(supertiles_bin.layout, SUPERTILE_READ_DEPTHS)
+    b = LastingMemory(model).begin(supertiles_bin.layout, read_depths(config))
     b.table_from, b.bin_from = supertiles.clear_cycles(trace, config), bus.NEVER
     b.table_tiles, b.table_base = trace.eye_tiles, plan.where.tiles
     b.table_next = plan.where.target_tiles if trace.eyes > 1 else 0

@@ -31,7 +31,7 @@ from spec.config import AcceleratorConfig
 from spec.constants import ENTRY_BYTES, TILE
 from spec.memory import BEAT_BYTES, BEAT_ENTRIES, DISPLAY_PIXEL_BYTES, PIXEL_BYTES, colour_beats
 from spec.packed import BLOCKS, table_beat
-from spec.queues import LIST_POINTERS, OUTPUT_DRAINS, SUPERTILE_READ_DEPTHS, TILE_TEST_BESIDE
+from spec.queues import LIST_POINTERS, OUTPUT_DRAINS, TILE_TEST_BESIDE, read_depths
 from spec.records import COUNT_BITS, frame_lists, frame_supertiles
 from spec.registers import STEREO_WRITE_CLIENTS, WRITE_CLIENTS, read_clients, stages, write_clients
 from spec.supertiles import check_supertiles, frame_rows
@@ -125,9 +125,9 @@ def simulate_supertiles(
     plan = super_plan(trace, config, steady_bounds(trace, config) if bounds is None else bounds, beta, display, packed, warped)
     clear = clear_cycles(trace, config)
     memory.wait(clear)
-    table = table_cycles(memory, trace.eye_tiles, plan.where.tiles, SUPERTILE_READ_DEPTHS)
+    table = table_cycles(memory, trace.eye_tiles, plan.where.tiles, read_depths(config))
     if trace.eyes > 1:
-        table += table_cycles(memory, trace.eye_tiles, plan.where.target_tiles, SUPERTILE_READ_DEPTHS)
+        table += table_cycles(memory, trace.eye_tiles, plan.where.target_tiles, read_depths(config))
     binned, counted = _bin(trace, config, memory, plan)
     drawn, events = _render(
         trace, config, memory, PACKED if packed else int(display), shared_colour, plan,
@@ -196,7 +196,7 @@ def _results(s: np.record, cycles: int, watched: tuple[str, ...]) -> _Pass:
 
 def _bin(trace: SuperTrace, config: AcceleratorConfig, memory: LastingMemory, plan: SuperPlan) -> tuple[_Pass, int]:
     """Simulates the first phase. Returns it with the cycle in which its last pair was in memory."""
-    s = memory.begin(supertiles_bin.layout, SUPERTILE_READ_DEPTHS)
+    s = memory.begin(supertiles_bin.layout, read_depths(config))
     s.path_shift = memory.age
     cycles = supertiles_bin.bin_phase(s, bin_arguments(s, trace, config, plan), LIMIT)
     return _results(s, memory.end(finished("GEOMETRY", cycles)), BIN_STAGES), int(s.counted)
@@ -280,7 +280,7 @@ def _render(
 ) -> tuple[_Pass, dict[str, int]]:
     """Simulates the second phase; `pixels` is 0 for whole pixels, 1 for those of displays, or PACKED. Returns it with counted
     events."""
-    s = memory.begin(supertiles_render.layout, SUPERTILE_READ_DEPTHS)
+    s = memory.begin(supertiles_render.layout, read_depths(config))
     s.path_shift = memory.age
     streams, *arguments = render_arguments(s, trace, config, pixels, shared_colour, plan, sweep_from, warped)
     cycles = supertiles_render.render_phase(s, streams, tuple(arguments), LIMIT)

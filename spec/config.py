@@ -106,6 +106,9 @@ class AcceleratorConfig:
             needs lists by super-tile.
         bank_memories: whether pixel cores keep their banks in memories and not in registers, which is smaller on an FPGA where
             a core computes many pixels in turn; this needs lists by tile.
+        read_beats: the most beats that a read client may have outstanding or waiting in its queue, a power of two. A memory
+            that is slower than a beat a cycle keeps fewer of them busy than the depths of `spec.queues`, which are the limit
+            where they are smaller.
         formats: number formats.
     """
 
@@ -145,6 +148,7 @@ class AcceleratorConfig:
     joint: bool = False
     overlap: bool = False
     bank_memories: bool = False
+    read_beats: int = 512
     formats: NumberFormats = field(default_factory=NumberFormats)
 
     def __post_init__(self) -> None:
@@ -158,6 +162,7 @@ class AcceleratorConfig:
             ("sort_buffer_bytes", 256, 1 << 24), ("merge_ways", 2, 32), ("splat_cache_lines", 4, 1 << 16),
             ("warp_lanes", 1, TILE), ("warp_columns", 4 * TILE, 8192), ("list_heads", 2, 1 << 14),
             ("header_lines", 4, 1 << 14), ("batch_places", 16, 4096), ("streams", 1, MOST_STREAMS),
+            ("read_beats", 4, 512),
         ):
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool):
@@ -170,7 +175,7 @@ class AcceleratorConfig:
             if TILE % getattr(self, name):
                 raise ValueError(f"{name} must divide {TILE}, not {getattr(self, name)!r}")
         for name in ("culling_units", "sort_buffer_bytes", "merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns",
-                     "header_lines", "batch_places"):
+                     "header_lines", "batch_places", "read_beats"):
             if getattr(self, name) & (getattr(self, name) - 1):
                 raise ValueError(f"{name} must be a power of two, not {getattr(self, name)!r}")
         for name in ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks", "buckets",
@@ -375,7 +380,7 @@ bits covers 32 octaves of depth."""
 
 FPGA = TINY.with_(
     name="fpga", cores_x=2, cores_y=2, sh_degree=1, depth=False, row_width=256, sort_buffer_bytes=512, merge_ways=2,
-    splat_cache_lines=32, counters=False, bank_memories=True, formats=FPGA_FORMATS)
+    splat_cache_lines=32, counters=False, bank_memories=True, read_beats=8, formats=FPGA_FORMATS)
 """The machine of `make fpga`, which fits an FPGA of 84,000 lookup tables and leaves it room for wires: the organisation of TINY
 with four pixel cores, whose banks are in memories, a smaller sorter, short formats, harmonics of degree 1, no depth and no
 counters (docs/fpga.md)."""

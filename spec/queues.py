@@ -6,6 +6,11 @@ outstanding.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from spec.config import AcceleratorConfig
+
 COUNTER_BITS = 32
 """Bits of the units' event counts of a frame, and of the host's counters of them."""
 
@@ -28,6 +33,13 @@ SUPERTILE_READ_DEPTHS = READ_DEPTHS | {"tiles": 32, "first": 32}
 """The same in machines with super-tiles. There the table of tiles is loaded at a tile per cycle, which takes 25 beats at a
 latency of 100 cycles; in other machines it is a smaller part of a frame. `first` reads it in machines with overlapped phases,
 and the headers of chunks."""
+
+
+def read_depths(config: AcceleratorConfig) -> dict[str, int]:
+    """The depths of a machine's read queues by client: those above, but at most the machine's `read_beats`."""
+    depths = SUPERTILE_READ_DEPTHS if config.supertiles else READ_DEPTHS
+    return {client: min(depth, config.read_beats) for client, depth in depths.items()}
+
 
 VIEWS_PENDING = 1024
 """Most intersections whose splat records have been requested before the array takes them. This is more than the splat records

@@ -238,10 +238,10 @@ def counters(config: AcceleratorConfig) -> tuple[Counter, ...]:
 
 def fingerprint(config: AcceleratorConfig) -> int:
     """A hash of 32 bits that differs where machines differ in any parameter but their names. The lack of what older machines
-    did not know, joint frames, overlapped phases and banks in memories, leaves it as it was."""
+    did not know, joint frames, overlapped phases, banks in memories and fewer beats of reads, leaves it as it was."""
     text = repr(config.with_(name="any"))
-    for name in ("joint", "overlap", "bank_memories"):
-        text = text.replace(f"{name}=False, ", "")
+    for lack in ("joint=False", "overlap=False", "bank_memories=False", "read_beats=512"):
+        text = text.replace(f"{lack}, ", "")
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "little")
 
 

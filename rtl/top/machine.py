@@ -23,7 +23,7 @@ from rtl.top.render_phase import RenderPhase
 from spec.codes import ErrorCode
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
-from spec.queues import READ_DEPTHS, SUPERTILE_READ_DEPTHS, WATCHDOG_BITS
+from spec.queues import WATCHDOG_BITS, read_depths
 from spec.registers import events, read_clients, stages, write_clients
 
 FirstPhase: TypeAlias = GeometryPhase | BinPhase
@@ -175,7 +175,7 @@ class Machine(wiring.Component):
             (bin_phase.READERS, gather_phase.READERS, bin_phase.WRITERS) if self.config.supertiles else
             (geometry_phase.readers(self.config), render_phase.READERS, geometry_phase.WRITERS))
         phases = ((geometry, first), (render, second))
-        depths = SUPERTILE_READ_DEPTHS if self.config.supertiles else READ_DEPTHS
+        depths = read_depths(self.config)
         for place, name in enumerate(read_clients(self.config)):
             queue = ReadQueue(self.config, depths[name])
             m.submodules[f"queue_{name}"] = renamed(queue)

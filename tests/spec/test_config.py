@@ -40,17 +40,19 @@ from spec.config import (
     AcceleratorConfig,
     NumberFormats,
 )
+from spec.queues import READ_DEPTHS, SUPERTILE_READ_DEPTHS, read_depths
 
 RANGES = {
     "cores_x": (2, 16), "cores_y": (2, 16), "levels": (1, 4), "sh_degree": (0, 3), "culling_units": (1, 8),
     "row_width": (16, 8192), "line_buffer_bytes": (64, 1 << 20), "sort_buffer_bytes": (256, 1 << 24),
     "merge_ways": (2, 32), "splat_cache_lines": (4, 1 << 16), "warp_lanes": (1, 16),
     "warp_columns": (64, 8192), "list_heads": (2, 1 << 14), "header_lines": (4, 1 << 14), "batch_places": (16, 4096),
+    "read_beats": (4, 512),
 }
 FLAGS = ("blend", "depth", "fine_depth", "incremental", "counters", "stereo", "warp_veiled", "chunks", "buckets",
          "lockstep", "packed", "joint", "overlap", "bank_memories")
 POWERS_OF_TWO = ("culling_units", "sort_buffer_bytes", "merge_ways", "splat_cache_lines", "warp_lanes", "warp_columns",
-                 "header_lines", "batch_places")
+                 "header_lines", "batch_places", "read_beats")
 
 
 @pytest.mark.parametrize("name", RANGES)
@@ -110,6 +112,12 @@ def test_stereo_needs_depth():
     assert PAPER_SMALL.with_(stereo=True).stereo
     with pytest.raises(ValueError, match=r"^depth must be True in a machine with stereo, not False$"):
         PAPER_SMALL.with_(stereo=True, depth=False)
+
+
+def test_read_clients_have_at_most_read_beats():
+    assert read_depths(PAPER) == READ_DEPTHS and read_depths(V3) == SUPERTILE_READ_DEPTHS
+    few = read_depths(PAPER.with_(read_beats=32))
+    assert few == {client: min(depth, 32) for client, depth in READ_DEPTHS.items()} != READ_DEPTHS
 
 
 def test_banks_in_memories_need_lists_by_tile():

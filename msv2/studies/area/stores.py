@@ -34,10 +34,9 @@ from spec.queues import (
     LIST_POINTERS,
     LIST_TILES,
     OUTPUT_DRAINS,
-    READ_DEPTHS,
-    SUPERTILE_READ_DEPTHS,
     TILE_TEST_BESIDE,
     VIEWS_PENDING,
+    read_depths,
 )
 from spec.records import (
     COUNT_BITS,
@@ -86,7 +85,7 @@ def _of_both_phases(store: Store) -> Store:
 
 def _queues(config: AcceleratorConfig) -> Iterator[Store]:
     width = read_data(PAPER).width
-    depths = SUPERTILE_READ_DEPTHS if config.supertiles else READ_DEPTHS
+    depths = read_depths(config)
     for client in read_clients(config):  # one word of each queue is its output register
         yield Store("memory queues", client, LISTS, depths[client] - 1, width)
 
