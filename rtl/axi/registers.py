@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Const, Module, Signal, Value, unsigned
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, unsigned
 from amaranth.lib import data, wiring
+from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from rtl.axi import bus
@@ -16,6 +17,7 @@ from spec.memory import frame_settings
 from spec.register_fields import Access, Bits, Register
 from spec.registers import (
     COUNTERS_BASE,
+    SETTINGS_BASE,
     counters,
     identity,
     is_signed,
@@ -34,7 +36,7 @@ class RegisterFile(wiring.Component):
     """An AXI4-Lite slave with the machine's registers. It also keeps track of the start and the end of frames.
 
     Parameters:
-        config: the machine; formats, `row_width`, `counters` matter here.
+        config: the machine; formats, `row_width`, `counters`, `bank_memories` matter here.
 
     Ports:
         s_axi_*: the bus; see `LiteSlave`.
@@ -66,7 +68,8 @@ class RegisterFile(wiring.Component):
         checked     __________________~~~~~~~~~_______
         start       __________________~~~~~~~~~_______   or else error BAD_SETTING
 
-    Storage: two copies of the settings, in flip-flops.
+    Storage: two copies of the settings, in flip-flops. With `config.bank_memories` the host reads settings from a third one, in
+    a memory, and they outlast a reset: a multiplexer of all settings is what an FPGA's wires cannot gather in one place.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -89,12 +92,13 @@ class RegisterFile(wiring.Component):
         bus.join(m, self, slave, "s_axi")
         self._registers = {r.name: r for r in register_map(self.config)}
         self._numbers = settings(self.config)[-1].number + 1
-        written = {s.name: Signal(s.field.format.width, name=s.name) for s in settings(self.config)}
+        lasting = self.config.bank_memories
+        written = {s.name: Signal(s.field.format.width, name=s.name, reset_less=lasting) for s in settings(self.config)}
         commands = self._commands(m, slave)
         values = {name: Value.cast(value) for name, value in identity(self.config).items()}
         values |= (self._frames if self.config.overlap else self._frame)(m, slave, commands, written)
-        values |= {name: signal.as_signed() if is_signed(self._registers[name].format) else signal
-                   for name, signal in written.items()}
+        values |= {name: shown.as_signed() if is_signed(self._registers[name].format) else shown
+                   for name, shown in (self._copies(m, slave, written) if lasting else written).items()}
         values |= self._counters(m, slave)
         self._write_settings(m, slave, written)
         m.d.comb += slave.write_refused.eq(1)
@@ -253,6 +257,20 @@ class RegisterFile(wiring.Component):
                 for byte in range((len(signal) + 7) // 8):
                     with m.If(slave.write_bytes[byte]):
                         m.d.sync += signal[8 * byte : 8 * byte + 8].eq(slave.write_data[8 * byte : 8 * byte + 8])
+
+    def _copies(self, m: Module, slave: LiteSlave, written: dict[str, Signal]) -> dict[str, Value]:
+        """The settings as a memory has them that is written with them, by name. It is read in every cycle, one before the
+        slave takes the word, and so it is never behind the flip-flops."""
+        places = (self._numbers - 1).bit_length()
+        m.submodules.copies = copies = Memory(shape=32, depth=1 << places, init=[])
+        write = copies.write_port(granularity=8)
+        read = copies.read_port(transparent_for=(write,))
+        within = (slave.write_index >= SETTINGS_BASE // 4) & (slave.write_index < COUNTERS_BASE // 4)
+        m.d.comb += [
+            write.addr.eq(slave.write_index), write.data.eq(slave.write_data),
+            write.en.eq(Mux(slave.write & within, slave.write_bytes, 0)),
+            read.addr.eq(Mux(slave.s_axi_arready, slave.s_axi_araddr[2:], slave.read_index))]
+        return {name: read.data[: len(signal)] for name, signal in written.items()}
 
     def _counters(self, m: Module, slave: LiteSlave) -> dict[str, Value]:
         """The values of the counters' registers. Reading the lower half of a counter stores its upper half for a later read."""

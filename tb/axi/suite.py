@@ -16,11 +16,12 @@ from tb.common.patterns import Pattern
 from tb.common.runner import Waves, simulate
 
 VARIANTS: dict[str, AcceleratorConfig] = {
-    "tiny": TINY, "without_counters": TINY.with_(counters=False), "stereo": TINY.with_(stereo=True)}
-"""Configurations that can be tested. Only `counters`, `stereo` and the number formats matter here, and the formats are the same
-in every configuration."""
+    "tiny": TINY, "without_counters": TINY.with_(counters=False), "stereo": TINY.with_(stereo=True),
+    "memories": TINY.with_(bank_memories=True)}
+"""Configurations that can be tested. Only `counters`, `stereo`, `bank_memories` and the number formats matter here; the formats
+are the same in every configuration."""
 
-DISTINCT = ("tiny", "without_counters", "stereo")
+DISTINCT = ("tiny", "without_counters", "stereo", "memories")
 
 REGISTER_SCENARIOS = ("identity", "unmapped", "settings", "crowd", "frames", "bad_settings", "interrupts", "aborts", "counters")
 """The names of the scenarios in `tb.axi.registers`."""

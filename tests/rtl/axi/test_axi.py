@@ -11,7 +11,8 @@ from spec.config import TINY
 from tb.axi.suite import REGISTER_SCENARIOS, VARIANTS, Registers, full_plan, run_plan
 
 
-@pytest.mark.parametrize(("unit", "variant"), [("master", "tiny"), ("registers", "tiny"), ("registers", "stereo")])
+@pytest.mark.parametrize(("unit", "variant"), [("master", "tiny"), ("registers", "tiny"), ("registers", "stereo"),
+                                              ("registers", "memories")])
 def test_every_scenario(unit, variant, tmp_path):
     config = VARIANTS[variant]
     plan = [item for item in full_plan(config, 1, 120) if isinstance(item, Registers) == (unit == "registers")]
