@@ -48,7 +48,8 @@ _BEFORE_SUPERTILES: dict[str, object] = {
     f.name: f.default for f in fields(AcceleratorConfig)
     if f.name in ("lists", "list_heads", "buckets", "header_lines", "batch_places")}
 _LATER: tuple[dict[str, object], ...] = (
-    {"lockstep": False}, {"streams": 1}, {"packed": False}, {"joint": False}, {"overlap": False}, {"bank_memories": False})
+    {"lockstep": False}, {"streams": 1}, {"packed": False}, {"joint": False}, {"overlap": False}, {"bank_memories": False},
+    {"read_beats": 512})
 _HASH_DIGITS = 8
 
 NAMES = tuple(_KINDS)

@@ -57,7 +57,8 @@ def build(folder: Path, part: str, device: flow.Device, seed: int) -> dict[str, 
         cells = flow.synthesise(steps, source)
         report |= {"cells": cells, **flow.counted(cells, device)}
     if part in ("all", "bitstream"):
-        report |= flow.placed_report(flow.place(steps, device, seed), flow.pack(steps))
+        placed = flow.place(steps, device, seed)
+        report |= flow.routed_report(flow.route(steps, device, placed), flow.pack(steps))
     if part in ("all", "unrouted", "soc"):
         found = soc.simulate(steps, FPGA, source)
         report |= {"soc": found, "soc_bit_exact": found["bit_exact"]}

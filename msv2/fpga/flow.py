@@ -35,8 +35,21 @@ BAUD = 115200
 DIVISOR = round(CLOCK_MHZ * 1e6 / BAUD)
 """Cycles of a bit on the serial line."""
 
-SHALLOW = 8
-"""Words of the largest memories that are left to Yosys' choice. Were they in blocks, too, there would be too few blocks."""
+SHALLOW = 40
+"""Words of the largest memories that are left to Yosys' choice, which is LUTs. Blocks of memory lie in a few rows of the chip,
+and wires to them are long."""
+
+LOGIC_PS = 5000
+"""What ABC is told that logic between two registers may take, in ps. Wires, which it does not know, take the rest."""
+
+ROUTER = {
+    "router": "router2", "router2/initCurrCongWeight": "4.5", "router2/currCongWeightMult": "0.15",
+    "router2/histCongWeight": "2.0", "router2/estimateWeight": "1.0", "router2/bbMargin/x": "15", "router2/bbMargin/y": "15"}
+"""nextpnr's settings for routing, which no option of its command line sets. Its own weights raise the cost of a wire that
+several nets want so fast that nets only push each other around, and its own margin keeps a net too close to its pins to go
+round what is full."""
+
+_CLOCK = ("--freq", CLOCK_MHZ, "--lpf-allow-unconstrained", "--timing-allow-fail")
 
 _FIRMWARE_SOURCES = (SOURCES / "start.S", SOURCES / "firmware.c", DRIVER / "msv2_driver.c")
 _FIRMWARE_OTHERS = (SOURCES / "firmware.ld", DRIVER / "msv2_driver.h", DOCS / "msv2_registers.h")
@@ -138,13 +151,13 @@ def synthesise(steps: Steps, source: Path) -> dict[str, int]:
 
     Yosys puts shallow memories into LUTs, of which there are too few, while most blocks of memory would stay unused. So every
     memory of more than SHALLOW words that is read with a clock is put into blocks. LUTs hold the shallow ones, and those that
-    are read without a clock: the banks of pixels. ABC is told the clock, so that it saves area and not delay where there is
-    time, and builds no wide LUTs, whose parts have to be placed together.
+    are read without a clock: the banks of pixels. ABC is told a time, so that it saves area and not delay where there is
+    some left, and builds no wide LUTs, whose parts have to be placed together.
     """
     processor, netlist, cells = tools.processor_verilog(), steps.folder / "netlist.json", steps.folder / "cells.json"
     family = f"synth_lattice -family ecp5 -nowidelut -top {TOP} -json {netlist}"
     script = [
-        *COMMANDS, f"scratchpad -set abc9.D {1e6 / CLOCK_MHZ:.0f}", f"{family} -run begin:map_ram",
+        *COMMANDS, f"scratchpad -set abc9.D {LOGIC_PS}", f"{family} -run begin:map_ram",
         f"setattr -set ram_style \"block\" t:$mem_v2 r:RD_CLK_ENABLE=1'1 %i r:SIZE>{SHALLOW} %i",
         f"{family} -run map_ram:", f"tee -q -o {cells} stat -top {TOP} -json"]
 
@@ -157,25 +170,41 @@ def synthesise(steps: Steps, source: Path) -> dict[str, int]:
     return dict(json.loads(cells.read_text())["modules"][f"\\{TOP}"]["num_cells_by_type"])
 
 
-def place(steps: Steps, device: Device, seed: int) -> dict[str, Any]:
-    """Places and routes the netlist, and returns nextpnr's own report. Raises InputError where it does not fit.
+def place(steps: Steps, device: Device, seed: int) -> Path:
+    """Places the netlist, and returns nextpnr's file of the placed one. Raises InputError where it does not fit.
 
     nextpnr's default placer makes wires 1.4 times as long on this netlist.
     """
-    netlist, placed, report = (steps.folder / name for name in ("netlist.json", "placed.config", "nextpnr.json"))
-    options = [*device.options, "--freq", CLOCK_MHZ, "--seed", seed, "--lpf-allow-unconstrained", "--timing-allow-fail",
-               "--placer", "static", "--router", "router2"]
-    command = tools.nextpnr(*options, "--json", netlist, "--textcfg", placed, "--report", report)
-    steps("place", "placing and routing", [netlist, [str(word) for word in options], tools.versions()], [placed, report],
-          lambda: tools.run(command, steps.folder / "nextpnr.log"))
+    netlist, placed = steps.folder / "netlist.json", steps.folder / "placed.json"
+    options = [*device.options, *_CLOCK, "--seed", seed, "--placer", "static", "--no-route"]
+    command = tools.nextpnr(*options, "--json", netlist, "--write", placed)
+    steps("place", "placing", [netlist, [str(word) for word in options], tools.versions()], [placed],
+          lambda: tools.run(command, steps.folder / "place.log"))
+    return placed
+
+
+def route(steps: Steps, device: Device, placed: Path) -> dict[str, Any]:
+    """Routes the placed netlist, and returns nextpnr's own report."""
+    routable, report, text = (steps.folder / name for name in ("routable.json", "nextpnr.json", "routed.config"))
+    options = [*device.options, *_CLOCK, "--no-pack", "--no-place"]
+
+    def route_() -> None:
+        design = json.loads(placed.read_text())
+        for module in design["modules"].values():
+            module["settings"] |= ROUTER
+        routable.write_text(json.dumps(design))
+        command = tools.nextpnr(*options, "--json", routable, "--textcfg", text, "--report", report)
+        tools.run(command, steps.folder / "route.log")
+
+    steps("route", "routing", [placed, ROUTER, [str(word) for word in options], tools.versions()], [text, report], route_)
     return dict(read_json(report))
 
 
 def pack(steps: Steps) -> Path:
     """Writes the bitstream."""
-    placed, bits = steps.folder / "placed.config", steps.folder / "msv2.bit"
-    steps("pack", "writing the bitstream", [placed, tools.versions()], [bits],
-          lambda: tools.run(tools.ecppack("--input", placed, "--bit", bits), steps.folder / "ecppack.log"))
+    routed, bits = steps.folder / "routed.config", steps.folder / "msv2.bit"
+    steps("pack", "writing the bitstream", [routed, tools.versions()], [bits],
+          lambda: tools.run(tools.ecppack("--input", routed, "--bit", bits), steps.folder / "ecppack.log"))
     return bits
 
 
@@ -187,7 +216,7 @@ def counted(cells: dict[str, int], device: Device) -> dict[str, object]:
     return {"used": taken, "of": has, "enough": all(taken[kind] <= has[kind] for kind in taken)}
 
 
-def placed_report(found: dict[str, Any], bits: Path) -> dict[str, object]:
+def routed_report(found: dict[str, Any], bits: Path) -> dict[str, object]:
     """What nextpnr found: the clock, what is used by kind of cell, and whether all of it has a place."""
     clocks, used = found["fmax"], found["utilization"]
     return {

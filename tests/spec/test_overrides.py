@@ -120,7 +120,8 @@ def test_a_record_from_before_super_tiles_is_a_machine_without_them():
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("lockstep", False), ("streams", 1), ("packed", False), ("joint", False), ("overlap", False), ("bank_memories", False)])
+    [("lockstep", False), ("streams", 1), ("packed", False), ("joint", False), ("overlap", False), ("bank_memories", False),
+     ("read_beats", 512)])
 def test_a_record_from_before_a_parameter_is_a_machine_without_it(name, value):
     record = config_record(V3)
     assert record.pop(name) == value

@@ -51,7 +51,7 @@ def table(report: Mapping[str, Any]) -> str:
          f"{soc['size'][0]}x{soc['size'][1]} pixels, {soc['intersections']:,} intersections, "
          + ("bit-exact" if report["soc_bit_exact"] else "wrong")],
         ["cycles of that frame, and with the copy of the model", f"{numbers['cycles']:,}, {numbers['simulated_cycles']:,}"],
-        ["minutes of the steps", ", ".join(f"{name} {seconds[name] / 60:.1f}" for name in ("synthesis", "place", "soc")
+        ["minutes of the steps", ", ".join(f"{name} {seconds[name] / 60:.1f}" for name in ("synthesis", "place", "route", "soc")
                                            if name in seconds)],
     ]
     return said + "\n\n" + page.table(["found", ""], lines, left=2)
