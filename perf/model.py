@@ -177,8 +177,7 @@ def _eye(
 ) -> _Pass:
     """Simulates an eye's pass, phase after phase."""
     memory.wait(trace.tiles_y + 1)
-    table = table_cycles(memory, len(eye.counts), where.target_tiles if number else where.tiles,
-                         read_depths(config))
+    table = table_cycles(memory, len(eye.counts), where.target_tiles if number else where.tiles, read_depths(config))
     shapes, counted = _geometry(trace, eye, config, memory, written, where)
     latency = _TMU_LATENCY + (COUNT_BITS + frame_lists(config).bit_length() + 1 if beta is None else 0)
     drawn = _render(trace, eye, number, config, memory, display, written, plan, where,

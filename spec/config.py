@@ -105,10 +105,11 @@ class AcceleratorConfig:
         overlap: whether the first phase of a frame runs beside the second phase of the frame before (docs/machine.md); this
             needs lists by super-tile.
         bank_memories: whether pixel cores keep their banks in memories and not in registers, which is smaller on an FPGA where
-            a core computes many pixels in turn, and the host reads settings from a memory; this needs lists by tile.
-        read_beats: the most beats that a read client may have outstanding or waiting in its queue, a power of two. A memory
-            that is slower than a beat a cycle keeps fewer of them busy than the depths of `spec.queues`, which are the limit
-            where they are smaller.
+            a core computes many pixels in turn, and the host reads settings from a memory, which a reset does not clear;
+            this needs lists by tile.
+        read_beats: the most beats that a read client may have outstanding or waiting in its queue, a power of two. The depths
+            of `spec.queues` are the limit where they are smaller. They suit a memory of a beat a cycle; a slower one needs
+            fewer.
         formats: number formats.
     """
 

@@ -149,9 +149,8 @@ def rtlil(config: AcceleratorConfig, words: Sequence[int], folder: Path) -> Path
 def synthesise(steps: Steps, source: Path) -> dict[str, int]:
     """Maps the system to cells of the family, and returns their numbers by type.
 
-    Yosys puts shallow memories into LUTs, of which there are too few, while most blocks of memory would stay unused. So every
-    memory of more than SHALLOW words that is read with a clock is put into blocks. LUTs hold the shallow ones, and those that
-    are read without a clock: the banks of pixels. ABC is told a time, so that it saves area and not delay where there is
+    Every memory of more than SHALLOW words that is read with a clock is put into blocks. LUTs hold the shallow ones, and those
+    that are read without a clock: the banks of pixels. ABC is told a time, so that it saves area and not delay where there is
     some left, and builds no wide LUTs, whose parts have to be placed together.
     """
     processor, netlist, cells = tools.processor_verilog(), steps.folder / "netlist.json", steps.folder / "cells.json"
@@ -184,7 +183,7 @@ def place(steps: Steps, device: Device, seed: int) -> Path:
 
 
 def route(steps: Steps, device: Device, placed: Path) -> dict[str, Any]:
-    """Routes the placed netlist, and returns nextpnr's own report."""
+    """Routes the placed netlist, and returns nextpnr's own report. Raises InputError where the router gives up."""
     routable, report, text = (steps.folder / name for name in ("routable.json", "nextpnr.json", "routed.config"))
     options = [*device.options, *_CLOCK, "--no-pack", "--no-place"]
 

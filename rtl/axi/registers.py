@@ -69,7 +69,7 @@ class RegisterFile(wiring.Component):
         start       __________________~~~~~~~~~_______   or else error BAD_SETTING
 
     Storage: two copies of the settings, in flip-flops. With `config.bank_memories` the host reads settings from a third one, in
-    a memory, and they outlast a reset: a multiplexer of all settings is what an FPGA's wires cannot gather in one place.
+    a memory, because a multiplexer of them all needs more wires in one place than an FPGA has. Settings then outlast a reset.
     """
 
     def __init__(self, config: AcceleratorConfig):

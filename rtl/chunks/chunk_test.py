@@ -59,9 +59,8 @@ def chunk_graph(config: AcceleratorConfig, *, details: bool = False) -> Dataflow
 
     Its settings `rotation`, `near` and `reach` are cut to the format `chunk`, `centre` to whole pixels; `last_tile` has the
     last column and the last row of the frame's tiles, `gaussians` is the model's number of Gaussians, and `octagon_0` and so on
-    are the level bounds. In machines with joint
-    frames each slot is the test for one eye: the eye and its position are inputs, and `target_octagon_0` and so on are the
-    target's level bounds.
+    are the level bounds. In machines with joint frames each slot is the test for one eye: the eye and its position are inputs,
+    and `target_octagon_0` and so on are the target's level bounds.
 
     Args:
         config: the machine.
