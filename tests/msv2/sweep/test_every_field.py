@@ -85,6 +85,7 @@ EFFECTS = {
     "packed": Effect("true", "area+ bytes-", base=V3),
     "joint": Effect("true", "area+", base=V3),
     "overlap": Effect("true", "area+", base=V3),
+    "read_beats": Effect("4", "cycles+ area-"),
     "bank_memories": Effect("true", "area-", base=(("cores_x", 2), ("cores_y", 2))),
     "formats.chunk": Effect("float5e8b127", "bytes+", base=CHUNKS),
     "formats.position": Effect("float19e8b127", "pixels"),
