@@ -13,7 +13,7 @@ from rtl.sort_tmu.handover import handover
 from rtl.sort_tmu.hierarchical_sorter import HierarchicalSorter
 from rtl.sort_tmu.swap import GATES, SwapTogether
 from rtl.sort_tmu.tile_merge import TileMergeUnit
-from rtl.stream import Broadcast, Buffer, Fork
+from rtl.stream import Broadcast, Buffer, Fork, Skid
 from rtl.tile_lists.header_maker import HeaderMaker
 from rtl.tile_lists.list_reader import ListReader
 from rtl.top.ports import connect_settings, phase_ports, watch
@@ -122,7 +122,7 @@ class RenderPhase(wiring.Component):
         opened = self._gate(m, merge, fork)
         wiring.connect(m, fork.sources[0], reader.tiles)
         wiring.connect(m, fork.sources[1], headers.tiles)
-        ways = ((reader.groups, sorter.groups), (sorter.sorted, buffer.sink), (buffer.source, fetch.sorted))
+        ways = ((self._unpacked(m, reader.groups), sorter.groups), (sorter.sorted, buffer.sink), (buffer.source, fetch.sorted))
         self._sort(m, merge, array, ways)
         wiring.connect(m, headers.levels, fetch.tiles)
         wiring.connect(m, headers.headers, array.tiles)
@@ -149,6 +149,15 @@ class RenderPhase(wiring.Component):
         if self.config.counters:
             self._count(m, merge, sorter, fetch, array, writer)
         return m
+
+    def _unpacked(self, m: Module, groups: stream.Interface) -> stream.Interface:
+        """The list reader's stream, with a register behind its `ready` in machines for FPGAs, where the longest path between
+        units would lead from the sorter through the list reader to the queues of memory."""
+        if not self.config.bank_memories:
+            return groups
+        m.submodules.unpacked = unpacked = Skid(groups.payload.shape())
+        wiring.connect(m, groups, unpacked.sink)
+        return unpacked.source
 
     def _sort(self, m: Module, merge: TileMergeUnit, array: VrcArray, ways: tuple[tuple[Any, Any], ...]) -> None:
         """Connects the ways of intersections into the sorter, out of it, and to the splat fetch."""

@@ -2,14 +2,18 @@
 
 A core of such an array computes many pixels in turn, whose banks would fill thousands of flip-flops with a multiplexer in
 front of each bit that is read. Here the banks of a core are two memories, one of transmittances and one of sums. A word holds
-both levels of a block's pixel. An op reads its block's word and writes it in the same cycle, with its own level changed, so
-that the loops through a bank still close in one cycle::
+both levels of a block's pixel. An op reads its block's word, and writes it with its own level changed. The loops through a bank
+still close in one cycle::
 
     cycle             0     1     2     3     4     5
-    transmittances              < read, write >
+    transmittances        <read><write>
     pixel (T)                           < T  >              the word that the op has left
     sums                                      < read, write >
     pixel (sums)                                    <sums>
+
+The word of transmittances is read a cycle before its op needs it, into a register, which gets the word that the op before
+leaves where both are of one block. The multiplier of the transmittance then begins at registers beside it, and neither the
+memory nor the wires to its address are in the slowest loop of the core.
 
 The word that an op leaves is registered. A drain therefore needs no read port of its own. Beside the memories there is one
 register for each bank, which says whether its pixel has stopped: `stopped` looks at all banks at once.
@@ -22,7 +26,6 @@ from __future__ import annotations
 from typing import Any
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
-from amaranth.lib import data
 from amaranth.lib.memory import Memory
 
 from rtl.select import select
@@ -51,21 +54,22 @@ class MemoryCore(PixelCore):
         super().__init__(config)
         _check(config)
 
-    def _word(self, m: Module, name: str, width: int, place: data.View) -> tuple[list[Value], Any]:
-        """A memory of one number of `width` bits for each block and level. Returns the numbers at `place`, by level, and the
-        write port, whose address is `place` too."""
+    def _words(self, m: Module, name: str, width: int, block: Value, write_block: Value) -> tuple[list[Value], Any]:
+        """A memory of one number of `width` bits for each block and level. Returns the numbers of `block`, by level, and the
+        write port, whose address is `write_block`."""
         levels = self.config.level_banks
         m.submodules[name] = memory = Memory(shape=width * levels, depth=self.config.blocks, init=[])
         read, write = memory.read_port(domain="comb"), memory.write_port()
-        address = place.block[: len(read.addr)]  # an index has a bit even where there is one block
-        m.d.comb += [read.addr.eq(address), write.addr.eq(address)]
+        # An index has a bit even where there is one block.
+        m.d.comb += [read.addr.eq(block[: len(read.addr)]), write.addr.eq(write_block[: len(write.addr)])]
         return [read.data.word_select(level, width) for level in range(levels)], write
 
     def _blend(self, m: Module, keep: Value, covered: Value) -> tuple[list[Signal], Value, Signal]:
         """Stage 2, as PixelCore's. The bank that it returns is the transmittance after the op, from a register."""
         n, op, first = self.config.formats, self.blend_op, self._first()
         frac, width, levels = n.alpha.frac_bits, n.transmittance.width, range(self.config.level_banks)
-        words, write = self._word(m, "transmittances", width, op.read)
+        stored, write = self._words(m, "transmittances", width, self.alpha_op.block, op.read.block)
+        words = [Signal(width, name=f"word{level}", reset_less=True) for level in levels]
         held, before, after = Signal(width), Signal(width), Signal(width)
         touch, afresh, changes = Signal(), Signal(), Signal()
         m.d.comb += [
@@ -79,31 +83,39 @@ class MemoryCore(PixelCore):
         shown = [Signal(width, name=f"shown{level}", reset_less=True) for level in levels]
         left = [Mux(op.write[level] & changes, after, words[level]) for level in levels]
         m.d.comb += [write.en.eq(op.write.any() & changes), write.data.eq(Cat(left))]
+        again = Signal()  # the op behind is of the same block
+        m.d.comb += again.eq(self.alpha_op.block == op.read.block)
+        m.d.sync += [
+            word.eq(Mux(again, new, old)) for word, new, old in zip(words, left, stored, strict=True)]
         m.d.sync += [register.eq(value) for register, value in zip(shown, left, strict=True)]
         m.d.comb += [self.pixel[level].transmittance.eq(shown[level]) for level in levels]
-        self._stop(m, changes, after < t_stop(n))
 
         bank, was = Signal(width, reset_less=True), Signal(self._finest.width, reset_less=True)
         began, touched = Signal(reset_less=True), Signal(reset_less=True)
         m.d.sync += [
             bank.eq(select(op.write, left)), was.eq(held >> n.transmittance.frac_bits - self._finest.frac_bits),
             began.eq(first), touched.eq(touch | first)]
+        self._stop(m, changes, bank < t_stop(n))
         return [bank], was | began.replicate(len(was)), touched
 
     def _stop(self, m: Module, changes: Value, stops: Value) -> None:
-        """Remembers of every bank whether the last op that changed it left its transmittance below the limit."""
+        """Tells of every bank whether the last op that changed it left its transmittance below the limit. `stops` says so of
+        the op that has left the blend stage, from a register, so that the comparison is not behind the multiplier."""
+        block = Signal.like(self.blend_op.read.block, reset_less=True)
+        m.d.sync += block.eq(self.blend_op.read.block)
         for level, stopped in enumerate(self.stopped):
             every = (1 << self.config.blocks) - 1  # as a core says whose banks are registers that begin at 0
             below = Signal(self.config.blocks, name=f"below{level}", init=every, reset_less=True)
-            for block in range(self.config.blocks):
-                with m.If(self.blend_op.write[level] & changes & (self.blend_op.read.block == block)):
-                    m.d.sync += below[block].eq(stops)
-            m.d.comb += stopped.eq(below.all())
+            changed, now = Signal(name=f"changed{level}"), Signal(self.config.blocks, name=f"now{level}")
+            m.d.sync += [changed.eq(self.blend_op.write[level] & changes), below.eq(now)]
+            m.d.comb += [now[b].eq(Mux(changed & (block == b), stops, below[b])) for b in range(self.config.blocks)]
+            m.d.comb += stopped.eq(now.all())
 
     def _sums(self, m: Module, weight: Value, fine: Value, touched: Value) -> list[list[Signal]]:
         """Stage 4, as PixelCore's. Returns no banks: they are in a memory."""
         op, products = self.sum_op, self._products(weight, fine)
-        words, write = self._word(m, "sums", sum(sum_format.width for _, _, sum_format, _ in products), op.read)
+        width = sum(sum_format.width for _, _, sum_format, _ in products)
+        words, write = self._words(m, "sums", width, op.read.block, op.read.block)
         left: list[list[Value]] = [[] for _ in words]
         start = 0
         for s, (product, shift, sum_format, outputs) in enumerate(products):
@@ -131,6 +143,14 @@ class MemoryRow(VrcRow):
         super().__init__(config)
         _check(config)
 
+    def _look_ahead(self, core: Any, op: list[Any]) -> list[Any]:
+        """Tells a core the block of the op in the alpha stage."""
+        return [core.alpha_op.block.eq(self._block(op[1]))]
+
+    def _block(self, op: Any) -> Value:
+        """The block of an op."""
+        return op.bank >> self.config.level_banks - 1
+
     def _banks(self, m: Module, op: list[Any], valid: list[Value]) -> tuple[dict[int, Any], dict[int, Any], Signal]:
         """Block and one-hot level in cycles 2 to 4, and in cycle 3 whether an op leaves a transmittance."""
         config = self.config
@@ -139,7 +159,7 @@ class MemoryRow(VrcRow):
         left = Signal(reset_less=True)
         level = Cat(op[1].bank[0] == number for number in range(2)) if config.level_banks == 2 else Const(1, 1)
         m.d.sync += [
-            read[2].block.eq(op[1].bank >> config.level_banks - 1), read[2].held.eq(self._reads(op[1])),
+            read[2].block.eq(self._block(op[1])), read[2].held.eq(self._reads(op[1])),
             write[2].eq(Mux(self._writes(op[1], valid[1]), level, 0)), left.eq(~op[2].last)]
         for cycle in (3, 4):
             m.d.sync += [read[cycle].eq(read[cycle - 1]), write[cycle].eq(write[cycle - 1])]

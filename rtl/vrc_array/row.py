@@ -109,6 +109,10 @@ class VrcRow(wiring.Component):
         """Tells a core when the state of its pixel begins."""
         return [core.blend_op.first.eq(op[2].first)]
 
+    def _look_ahead(self, core: Any, op: list[Any]) -> list[Any]:
+        """Tells a core what it needs of an op a cycle before it is blended: nothing where banks are in registers."""
+        return []
+
     def _reads(self, op: Any) -> Value:
         """Whether an op reads its bank."""
         return ~op.first
@@ -137,6 +141,7 @@ class VrcRow(wiring.Component):
                 core.alpha_op.cut.eq(op[1].cut),
                 core.alpha_op.outer.eq(op[1].outer),
                 core.alpha_op.last.eq(op[1].last),
+                *self._look_ahead(core, op),
                 core.blend_op.read.eq(read[2]),
                 core.blend_op.write.eq(write[2]),
                 *self._begin(x, core, op),
