@@ -176,9 +176,9 @@ def place(steps: Steps, device: Device, seed: int) -> Path:
     """
     netlist, placed = steps.folder / "netlist.json", steps.folder / "placed.json"
     options = [*device.options, *_CLOCK, "--seed", seed, "--placer", "static", "--no-route"]
-    command = tools.nextpnr(*options, "--json", netlist, "--write", placed)
+    command = tools.nextpnr(*options, "--json", netlist.name, "--write", placed.name)
     steps("place", "placing", [netlist, [str(word) for word in options], tools.versions()], [placed],
-          lambda: tools.run(command, steps.folder / "place.log"))
+          lambda: tools.run(command, steps.folder / "place.log", steps.folder))
     return placed
 
 
@@ -192,8 +192,8 @@ def route(steps: Steps, device: Device, placed: Path) -> dict[str, Any]:
         for module in design["modules"].values():
             module["settings"] |= ROUTER
         routable.write_text(json.dumps(design))
-        command = tools.nextpnr(*options, "--json", routable, "--textcfg", text, "--report", report)
-        tools.run(command, steps.folder / "route.log")
+        command = tools.nextpnr(*options, "--json", routable.name, "--textcfg", text.name, "--report", report.name)
+        tools.run(command, steps.folder / "route.log", steps.folder)
 
     steps("route", "routing", [placed, ROUTER, [str(word) for word in options], tools.versions()], [text, report], route_)
     return dict(read_json(report))
@@ -203,7 +203,8 @@ def pack(steps: Steps) -> Path:
     """Writes the bitstream."""
     routed, bits = steps.folder / "routed.config", steps.folder / "msv2.bit"
     steps("pack", "writing the bitstream", [routed, tools.versions()], [bits],
-          lambda: tools.run(tools.ecppack("--input", routed, "--bit", bits), steps.folder / "ecppack.log"))
+          lambda: tools.run(
+              tools.ecppack("--input", routed.name, "--bit", bits.name), steps.folder / "ecppack.log", steps.folder))
     return bits
 
 

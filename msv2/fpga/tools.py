@@ -36,22 +36,25 @@ def versions() -> dict[str, str]:
     return {name: version(name) for name in _DISTRIBUTIONS.values()}
 
 
-def run(command: Sequence[object], log: Path) -> None:
-    """Runs a program; its output becomes the file `log`. Raises InputError with the end of the output where it fails."""
+def run(command: Sequence[object], log: Path, folder: Path | None = None) -> None:
+    """Runs a program, in `folder` if it is given; its output becomes the file `log`. Raises InputError with the end of the
+    output where it fails."""
     with open(log, "w") as file:
-        done = subprocess.run([str(word) for word in command], check=False, stdout=file, stderr=subprocess.STDOUT)
+        done = subprocess.run(
+            [str(word) for word in command], check=False, stdout=file, stderr=subprocess.STDOUT, cwd=folder)
     if done.returncode:
         end = "\n".join(log.read_text(errors="replace").splitlines()[-20:])
         raise InputError(f"{Path(str(command[0])).name} failed with status {done.returncode}; the end of {log}:\n{end}")
 
 
 def nextpnr(*arguments: object) -> list[object]:
-    """The command of nextpnr for the family ECP5."""
+    """The command of nextpnr for the family ECP5. It must run in the folder of its files and be given their names alone, because
+    programs of YoWASP see another /tmp."""
     return [sys.executable, "-c", _CALL.format("run_nextpnr_ecp5"), *arguments]
 
 
 def ecppack(*arguments: object) -> list[object]:
-    """The command of ecppack, which writes bitstreams."""
+    """The command of ecppack, which writes bitstreams, as that of nextpnr."""
     return [sys.executable, "-c", _CALL.format("run_ecppack"), *arguments]
 
 

@@ -22,8 +22,9 @@ VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT, "pap
 DISTINCT = ("tiny",)
 """One configuration suffices, because all have the same formats."""
 
-RANDOM_OPERANDS, FEW_OPERANDS = 500_000, 5_000
-"""The number of random operands of an operation in the run at full rate, and of operands in each of the other runs."""
+RANDOM_OPERANDS, QUICK_OPERANDS, FEW_OPERANDS = 500_000, 20_000, 5_000
+"""The number of random operands of an operation in the run at full rate, the same in quick tests, and that of operands in each
+of the other runs."""
 
 
 @cache
@@ -56,6 +57,11 @@ def full_plan(config: AcceleratorConfig, seed: int, count: int = RANDOM_OPERANDS
     for pattern in (Pattern.ALWAYS, Pattern.RANDOM, Pattern.BURSTY):
         plan.append(_plan_of(config, f"{pattern.value} bubbles", few, pattern, seed))
     return [*plan, _plan_of(config, "cut off", few, abort=77), _plan_of(config, "after the reset", few)]
+
+
+def quick_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """The same with fewer random operands."""
+    return full_plan(config, seed, QUICK_OPERANDS)
 
 
 def figures(config: AcceleratorConfig, plan: list[Planned], outcome: Outcome) -> list[str]:

@@ -51,8 +51,9 @@ class Case:
             free = max(tile_lists(frame["tile"], self.lists, 1 << 26).beats for frame in self.frames)
             object.__setattr__(self, "entries_beats", free)
         object.__setattr__(self, "placed", [tile_lists(f["tile"], self.lists, self.entries_beats) for f in self.frames])
-        if self.entries_beats + self._directory > 1 << ADDRESS_BITS:
-            raise ValueError(f"case must fit {1 << ADDRESS_BITS} beats, not {self.entries_beats + self._directory!r}")
+        used = max(where.beats for where in self.placed) + self._directory
+        if used > 1 << ADDRESS_BITS:
+            raise ValueError(f"case must fit {1 << ADDRESS_BITS} beats, not {used!r}")
 
     @property
     def _directory(self) -> int:

@@ -18,7 +18,7 @@ from tb.common.player import Recording
 from tb.common.runner import Waves
 from tb.supertiles.lists_device import playback
 from tb.supertiles.lists_stimuli import Case, case
-from tb.tile_lists.stimuli import BOUNDARIES, mixed_tiles, random_counts
+from tb.tile_lists.stimuli import BOUNDARIES, LONG_BOUNDARIES, mixed_tiles, page_rooms, random_counts
 
 VARIANTS: dict[str, AcceleratorConfig] = {"tiny_v3": TINY_V3, "v3": V3}
 """Configurations that can be tested."""
@@ -82,6 +82,7 @@ def corner_cases(config: AcceleratorConfig, rng: np.random.Generator) -> list[Ca
     """Cases by hand: ends of beats and pages, one list, all lists, no pairs, no free space, lists outside the frame, an error
     of memory."""
     most, none = frame_lists(config), np.empty(0, np.int64)
+    long = mixed_tiles(rng, LONG_BOUNDARIES)
     ends, one = mixed_tiles(rng, BOUNDARIES), np.zeros(3000, np.int64)
     sparse = mixed_tiles(rng, (rng.random(most) < 0.1) * rng.integers(1, 60, most))
     splats = np.concatenate([np.sort(rng.choice(most, n, replace=False)) for n in rng.integers(1, SUPER_TILES, 400)])
@@ -104,6 +105,10 @@ def corner_cases(config: AcceleratorConfig, rng: np.random.Generator) -> list[Ca
     for beats in (0, first - 1, first, first + 15, first + 16, first + 100):
         numbers = np.concatenate([rng.integers(0, 6, 500), [6, 7, 0]])
         cases.append(case(config, rng, f"free space of {beats} beats", 6, [numbers, np.arange(12) % 6], entries_beats=beats))
+    for units, count in page_rooms():
+        cases.append(case(config, rng, f"{count} in {units} units", 1, [np.zeros(count, np.int64)],
+                          entries_beats=FIRST_PAGE_BEATS * (1 + units)))
+    cases.append(case(config, rng, "counts next to longer pages' ends", len(LONG_BOUNDARIES), [long], beta=1))
     cases.append(case(config, rng, "an error of memory", 8, [np.arange(30) % 8], bad=True))
     return cases
 

@@ -16,6 +16,7 @@ from spec.memory import (
     BEAT_BYTES,
     BEAT_ENTRIES,
     DIRECTORY_BEATS,
+    FIRST_PAGE_ENTRIES,
     TILE_SETTING_BYTES,
     WORDS,
     tile_setting,
@@ -38,6 +39,9 @@ from tb.tile_lists.memory import ADDRESS_BITS
 
 BOUNDARIES = (0, 1, 3, 4, 5, 31, 32, 33, 95, 96, 97, 223, 224, 225)
 """Counts around those at which a page or a beat is full."""
+
+LONG_BOUNDARIES = tuple(32 * ((1 << pages) - 1) + more for pages in range(4, 12) for more in (0, 1) if more or pages < 10)
+"""The same of lists of 4 to 12 pages; those of more than 9 have a second beat of pointers."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +81,9 @@ class Case:
             free = max(tile_lists(frame["tile"], self.tiles, 1 << 26).beats for frame in self.frames)
             object.__setattr__(self, "entries_beats", free)
         object.__setattr__(self, "lists", [tile_lists(f["tile"], self.tiles, self.entries_beats) for f in self.frames])
-        if sum(self._sizes.values()) > 1 << ADDRESS_BITS:
-            raise ValueError(f"case must fit {1 << ADDRESS_BITS} beats, not {sum(self._sizes.values())!r}")
+        used = sum(self._sizes.values()) - self._sizes["entries"] + max(where.beats for where in self.lists)
+        if used > 1 << ADDRESS_BITS:
+            raise ValueError(f"case must fit {1 << ADDRESS_BITS} beats, not {used!r}")
 
     @property
     def tiles(self) -> int:
@@ -210,6 +215,18 @@ def mixed_tiles(rng: np.random.Generator, counts: Sequence[int]) -> np.ndarray:
         at = int(rng.integers(len(tile)))
         tile[at : at + 8].sort()
     return tile
+
+
+def page_rooms() -> list[tuple[int, int]]:
+    """Numbers of free units beyond a list's first page, each with a count whose last entry begins a page. The page just fits,
+    lacks one unit, or meets a power of two of free units."""
+    found = []
+    for pages in range(1, 8):
+        before, last = (1 << pages) - 2, 1 << pages
+        bits = range(pages + 1, BEAT_BITS - 4) if pages < 5 else ()
+        units = [before + last, before + last - 1, *(before + (1 << bit) for bit in bits)]
+        found += [(unit, FIRST_PAGE_ENTRIES * (last - 1) + 1) for unit in units]
+    return found
 
 
 def random_counts(rng: np.random.Generator, tiles: int) -> np.ndarray:

@@ -6,13 +6,23 @@ import numpy as np
 
 from spec.config import PAPER, PAPER_SMALL, TINY, AcceleratorConfig
 from spec.constants import TILE
+from spec.memory import FIRST_PAGE_BEATS
 from spec.queues import LIST_TILES
 from spec.records import frame_tiles
 from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.scenes import traced_frames, traced_size
 from tb.tile_lists.device import playback
-from tb.tile_lists.stimuli import BOUNDARIES, Case, case, mixed_tiles, random_counts, traced_case
+from tb.tile_lists.stimuli import (
+    BOUNDARIES,
+    LONG_BOUNDARIES,
+    Case,
+    case,
+    mixed_tiles,
+    page_rooms,
+    random_counts,
+    traced_case,
+)
 
 VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "paper_small": PAPER_SMALL, "paper": PAPER}
 """Configurations that can be tested."""
@@ -48,7 +58,7 @@ def corner_cases(config: AcceleratorConfig, rng: np.random.Generator) -> list[Ca
     memory errors."""
     widest, none = -(-config.row_width // TILE), np.empty(0, np.int64)
     ends = mixed_tiles(rng, BOUNDARIES)
-    one = np.zeros(3000, np.int64)
+    one = np.zeros(5000, np.int64)
     sparse = mixed_tiles(rng, (rng.random(widest * 3) < 0.06) * rng.integers(1, 60, widest * 3))
     cases = [
         case(config, rng, "counts next to pages' ends", len(BOUNDARIES), 1, [ends, ends, ends[::-1]], beta=1),
@@ -56,7 +66,7 @@ def corner_cases(config: AcceleratorConfig, rng: np.random.Generator) -> list[Ca
         case(config, rng, "no entries", 5, 3, [none, none], gaussians=0),
         case(config, rng, "no entries, then some, then none", 5, 3, [none, np.arange(15), none]),
         case(config, rng, "one tile of one", 1, 1, [one[:1], one, one[:33]]),
-        case(config, rng, "one tile of many", widest, 2, [one + widest + 1], beta=10),
+        case(config, rng, "one tile of many", widest, 2, [one[:3000] + widest + 1], beta=10),
         case(config, rng, "two tiles in turn", 2, 1, [np.arange(2000) % 2, np.arange(999) // 2 % 2]),
         case(config, rng, "runs of one tile", 4, 4, [np.repeat(rng.integers(0, 16, 300), rng.choice([1, 2, 3, 40], 300))]),
         case(config, rng, "rows are groups", widest, 3, [sparse, sparse[::-1]], beta=1 << 20),
@@ -66,6 +76,11 @@ def corner_cases(config: AcceleratorConfig, rng: np.random.Generator) -> list[Ca
     for beats in (0, 6 * 8 - 1, 6 * 8, 6 * 8 + 15, 6 * 8 + 16, 6 * 8 + 100):
         tile = np.concatenate([rng.integers(0, 6, 500), [6, 7, 0]])
         cases.append(case(config, rng, f"room for {beats} beats", 3, 2, [tile, np.arange(12) % 6], entries_beats=beats))
+    cases.append(case(
+        config, rng, "counts next to longer pages' ends", len(LONG_BOUNDARIES), 1, [mixed_tiles(rng, LONG_BOUNDARIES)], beta=1))
+    for units, count in page_rooms():
+        cases.append(case(config, rng, f"{count} in {units} units", 1, 1, [one[:count]],
+                          entries_beats=FIRST_PAGE_BEATS * (1 + units)))
     long = case(config, rng, "", 4, 2, [mixed_tiles(rng, [300, 0, 40, 5, 0, 900, 1, 0])])
     for region in ("entries", "directory", "tiles", "geometry"):
         cases.append(case(config, rng, f"an error in {region}", 4, 2, [long.frames[0]["tile"]], bad=region))

@@ -1,9 +1,10 @@
 """Whether a mutant computes the same as the sound circuit, by SAT.
 
-Both circuits are cut at their registers and at the ports of their memories: what a register or a memory holds may be anything,
-and what goes into it is compared, as are the outputs. Only registers that are known to keep their initial values for ever,
-whatever comes in, have these. So a mutant that is called equal is equal. One that is not may still behave as the sound circuit
-does, where the difference needs a state that is never reached; it counts as not equal.
+Both circuits are cut at the ports of their memories, those in Verilog included: what comes out of a memory may be anything, and
+what goes into it is compared, as are the outputs. At first they are cut at their registers, too; only registers that are known
+to keep their initial values for ever, whatever comes in, have these. Where that finds a difference, a second question keeps
+the registers and begins with their initial values, so that only states count that can be reached. What is called equal is
+equal. A question that stays open counts as not equal.
 
 All mutants are in one circuit with a number at its inputs. `Circuit.differs` builds it twice from AND gates, with 0 and with
 the mutant's number in place of those inputs, shares what is the same, and gives the rest to ABC.
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 import re
 import subprocess
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,7 +23,7 @@ from msv2.cases.formal.circuit import TO_GATES, find_abc
 from msv2.cases.mutants.mutate import SELECT, Mutant, applied, yosys
 
 SECONDS = 20
-"""Limit of one question. A mutant whose question stays open counts as not equal."""
+"""Limit of one question."""
 
 _CUT: dict[str, tuple[dict[str, int | str], dict[str, int | str]]] = {
     "$memrd_v2": ({"EN": 1, "ARST": 1, "SRST": 1, "ADDR": "ABITS"}, {"DATA": "WIDTH"}),
@@ -63,7 +64,7 @@ def without_memories(text: str) -> str:
 
 @dataclass(frozen=True)
 class Circuit:
-    """A circuit with mutants as AND gates over free inputs; registers are cut.
+    """A circuit with mutants as AND gates over free inputs and registers.
 
     Attributes:
         inputs: number of free variables, which are 1 to `inputs`; a literal is twice a variable, plus 1 for its inverse.
@@ -87,7 +88,29 @@ class Circuit:
         made, still = _Gates(self.inputs), dict.fromkeys(self.still, 0)
         sound, faulty = (self._build(made, still | self._chosen(value)) for value in (0, number))
         different = {made.exclusive(a, b) for a, b in zip(sound, faulty, strict=True) if a != b}
-        return bool(different) and not _never(made, different, self.folder / "question.aig")
+        if not different or _never(made, different, {}, self.folder / "question.aig"):
+            return False
+        return not self._never_seen(number)
+
+    def _never_seen(self, number: int) -> bool:
+        """Whether ABC proves that no output of the mutant ever differs, from the initial values on. A register that the fault
+        does not reach is there once, and the others twice. What comes out of memories is the same for both, because what goes
+        into them is compared."""
+        begin = self.inputs - self.registers + 1
+        made, still = _Gates(self.inputs + self.registers), dict.fromkeys(self.still, 0)
+        sound = self._build(made, still | self._chosen(0))
+        reached: dict[int, int] = {}  # the literal of the second copy of a register
+        while True:
+            faulty = self._build(made, still | self._chosen(number) | reached)
+            new = {begin + n: 2 * (self.inputs + 1 + n) for n in range(self.registers)
+                   if sound[n] != faulty[n] and begin + n not in reached}
+            if not new:
+                break
+            reached |= new
+        registers = {begin + n: sound[n] for n in range(self.registers)}
+        registers |= {literal >> 1: faulty[variable - begin] for variable, literal in reached.items()}
+        seen = {made.exclusive(a, b) for a, b in zip(sound[self.registers :], faulty[self.registers :], strict=True) if a != b}
+        return _never(made, seen, registers, self.folder / "question.aig")
 
     def _chosen(self, number: int) -> dict[int, int]:
         return {variable: number >> bit & 1 for bit, variable in enumerate(self.select)}
@@ -146,32 +169,40 @@ class _Gates:
         return self.both(self.both(a, b) ^ 1, self.both(a ^ 1, b ^ 1) ^ 1)
 
 
-def _never(made: _Gates, literals: Iterable[int], path: Path) -> bool:
-    """Whether ABC proves that none of the literals is ever 1."""
+def _never(made: _Gates, literals: Iterable[int], registers: Mapping[int, int], path: Path) -> bool:
+    """Whether ABC proves that none of the literals is ever 1. `registers`: variables that begin with 0, and their next
+    values; all other variables are free."""
     any_of = 0
     for literal in sorted(literals):
         any_of = made.both(any_of ^ 1, literal ^ 1) ^ 1
-    cone = _cone(made, any_of >> 1)
-    place = {variable: n + 1 for n, variable in enumerate(sorted(cone))}
-    free = sum(variable <= made.inputs for variable in cone)
+    cone = _cone(made, any_of >> 1, registers)
+    latches = sorted(cone & registers.keys())
+    free = sorted(variable for variable in cone - registers.keys() if variable <= made.inputs)
+    gates = sorted(variable for variable in cone if variable > made.inputs)
+    place = {variable: n + 1 for n, variable in enumerate((*free, *latches, *gates))}
 
     def written(literal: int) -> int:
         return 2 * place[literal >> 1] + (literal & 1) if literal > 1 else literal
 
-    gates = b""
-    for variable in sorted(cone):
-        if variable > made.inputs:
-            low, high = sorted(map(written, made.pairs[variable - made.inputs - 1]))
-            gates += _delta(2 * place[variable] - high) + _delta(high - low)
-    path.write_bytes(f"aig {len(cone)} {free} 0 1 {len(cone) - free}\n{written(any_of)}\n".encode() + gates)
-    run = subprocess.run(
-        [str(find_abc()), "-c", f"read_aiger {path.name}; strash; iprove"], capture_output=True, text=True, cwd=path.parent,
-        timeout=20 * SECONDS, check=False)
-    return "UNSATISFIABLE" in run.stdout
+    coded = b""
+    for variable in gates:
+        low, high = sorted(map(written, made.pairs[variable - made.inputs - 1]))
+        coded += _delta(2 * place[variable] - high) + _delta(high - low)
+    head = [f"aig {len(cone)} {len(free)} {len(latches)} 1 {len(gates)}", *(str(written(registers[each])) for each in latches),
+            str(written(any_of))]
+    path.write_bytes("".join(f"{line}\n" for line in head).encode() + coded)
+    prove = "dprove" if latches else "iprove"
+    try:
+        run = subprocess.run(
+            [str(find_abc()), "-c", f"read_aiger {path.name}; strash; {prove}"], capture_output=True, text=True,
+            cwd=path.parent, timeout=SECONDS, check=False)
+    except subprocess.TimeoutExpired:
+        return False
+    return any(words in run.stdout for words in ("UNSATISFIABLE", "Networks are equivalent"))
 
 
-def _cone(made: _Gates, top: int) -> set[int]:
-    """The variables on which a variable depends, with itself."""
+def _cone(made: _Gates, top: int, registers: Mapping[int, int]) -> set[int]:
+    """The variables on which a variable depends, with itself, and those on which the registers among them do."""
     seen, waiting = set(), [top]
     while waiting:
         variable = waiting.pop()
@@ -179,6 +210,8 @@ def _cone(made: _Gates, top: int) -> set[int]:
             seen.add(variable)
             if variable > made.inputs:
                 waiting += [literal >> 1 for literal in made.pairs[variable - made.inputs - 1]]
+            elif variable in registers:
+                waiting.append(registers[variable] >> 1)
     return seen
 
 
@@ -191,10 +224,15 @@ def _delta(number: int) -> bytes:
     return bytes([*found, number])
 
 
-def circuit_of(mutants: Sequence[Mutant], module: str, folder: Path) -> Circuit:
-    """The circuit with these mutants, of which `msv2.cases.mutants.mutate.draw` left `flat.il` in the folder."""
+def circuit_of(mutants: Sequence[Mutant], module: str, folder: Path, verilog: str = "") -> Circuit:
+    """The circuit with these mutants, of which `msv2.cases.mutants.mutate.draw` left `flat.il` in the folder. `verilog` has the
+    modules that the circuit does not, whose instances are cut."""
     aiger, names = folder / "cut.aig", folder / "cut.map"
-    yosys(f"read_rtlil flat.il\nhierarchy -top {module}\n{applied(mutants)}opt_clean\nwrite_rtlil mutants.il\n", folder)
+    boxes = sorted(set(re.findall(r"(?m)^  cell \\(\S+) ", (folder / "flat.il").read_text())))
+    (folder / "boxes.v").write_text("".join(_module(verilog, box) for box in boxes))
+    cut = "".join(f"expose -evert t:{box}\ndelete ={box}\n" for box in boxes)
+    yosys(f"read_rtlil flat.il\nread_verilog -lib boxes.v\nhierarchy -top {module}\n{applied(mutants)}opt_clean\n{cut}"
+          f"write_rtlil mutants.il\n", folder)
     (folder / "cut.il").write_text(without_memories((folder / "mutants.il").read_text()))
     yosys(f"read_rtlil cut.il\nhierarchy -top {module}\n{_PASSES}"
           f"write_aiger -zinit -no-sort -symbols -map {names.name} {aiger.name}\n", folder)
@@ -234,10 +272,17 @@ def _read(path: Path, select: tuple[int, ...], folder: Path) -> Circuit:
     return Circuit(first, latches, select, gates, lines, folder)
 
 
-def equal(mutants: Sequence[Mutant], module: str, folder: Path) -> set[int]:
-    """The numbers of those of the mutants that compute what the sound circuit does. None is called so where the circuit has
-    a module that is written in Verilog, as the memory of some benches is: the circuit cannot be cut there."""
-    if not mutants or re.search(r"(?m)^  cell \\", (folder / "flat.il").read_text()):
+def _module(verilog: str, name: str) -> str:
+    """A module of Verilog, by its name; ValueError where there is none."""
+    found = re.search(rf"(?ms)^module {re.escape(name)}\b.*?^endmodule\n", verilog)
+    if not found:
+        raise ValueError(f"the module {name} is in the circuit, but not in the testbench's Verilog")
+    return found[0]
+
+
+def equal(mutants: Sequence[Mutant], module: str, folder: Path, verilog: str = "") -> set[int]:
+    """The numbers of those of the mutants that compute what the sound circuit does; for the arguments see `circuit_of`."""
+    if not mutants:
         return set()
-    circuit = circuit_of(mutants, module, folder)
+    circuit = circuit_of(mutants, module, folder, verilog)
     return {mutant.number for mutant in mutants if not circuit.differs(mutant.number)}

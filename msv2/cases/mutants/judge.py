@@ -30,10 +30,10 @@ def judge(
         RuntimeError: the suite fails without a mutant, or Yosys or the simulator do.
     """
     bench = bench_of(target, folder)
-    mutants = mutate.draw(bench.text, bench.module, count, seed, folder)
+    mutants = mutate.draw(bench.text, bench.module, count, seed, folder, target.apart)
     verdicts = Player(bench, mutants, folder).play([mutant.number for mutant in mutants], tick)
     alive = [mutant for mutant in mutants if verdicts[mutant.number].result == SURVIVED]
-    same = equal.equal(alive, bench.module, folder)
+    same = equal.equal(alive, bench.module, folder, bench.playback.verilog)
     kills = Counter(verdict.result for verdict in verdicts.values() if verdict.result != SURVIVED)
     return {
         "unit": target.name, "machine": target.machine, "suite": target.module, "drawn": len(mutants),

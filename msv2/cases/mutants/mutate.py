@@ -63,13 +63,14 @@ def yosys(script: str, folder: Path) -> None:
         raise RuntimeError(f"Yosys failed with {run.returncode}: {(run.stdout + run.stderr)[-1000:]}")
 
 
-def draw(text: str, module: str, count: int, seed: int, folder: Path) -> list[Mutant]:
+def draw(text: str, module: str, count: int, seed: int, folder: Path, apart: Sequence[str] = ()) -> list[Mutant]:
     """Draws mutants of a circuit and leaves it, flattened, as `flat.il` in the folder.
 
     Args:
         text: RTLIL of the circuit and of all modules below it, with attributes `src`.
         module: the top module.
         count: how many mutants; there are fewer where the circuit has fewer. Mutants of clocks are left out.
+        apart: parts of the names of instances whose cells are left out as well.
     """
     if count < 1 or count >= 1 << SELECT_BITS:
         raise InputError(f"{count} mutants are not accepted: a number from 1 to {(1 << SELECT_BITS) - 1} is")
@@ -82,7 +83,7 @@ hierarchy -top {module}
 proc
 flatten
 opt_clean
-select -set chosen {cells} {_CHOSEN}
+select -set chosen {cells} {_CHOSEN} {" ".join(f"c:*{name}* %d" for name in apart)}
 write_rtlil flat.il
 mutate -list {count} -seed {seed} -o mutants.txt @chosen
 """, folder)

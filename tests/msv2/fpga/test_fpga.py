@@ -183,5 +183,5 @@ def test_the_bitstream_is_written(tmp_path: Path) -> None:
     """Two minutes of synthesis, and twenty of place and route."""
     status = command.main(["--part", "bitstream", "--out", str(tmp_path)])
     report = json.loads((tmp_path / "report.json").read_text())
-    assert status == int(report["fmax_mhz"] < flow.CLOCK_MHZ)
-    assert report["fits"] and report["fmax_mhz"] >= 0.9 * flow.CLOCK_MHZ and (tmp_path / "msv2.bit").stat().st_size > 1 << 20
+    assert status == 0 and report["fits"] and report["fmax_mhz"] >= flow.CLOCK_MHZ
+    assert (tmp_path / "msv2.bit").stat().st_size > 1 << 20
