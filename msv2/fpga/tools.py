@@ -48,7 +48,7 @@ def run(command: Sequence[object], log: Path, folder: Path | None = None) -> Non
 
 
 def nextpnr(*arguments: object) -> list[object]:
-    """The command of nextpnr for the family ECP5. It must run in the folder of its files and be given their names alone, because
+    """The command of nextpnr for the family ECP5. It must run in the folder of its files and get their names alone, because
     programs of YoWASP see another /tmp."""
     return [sys.executable, "-c", _CALL.format("run_nextpnr_ecp5"), *arguments]
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from spec.memory import BEAT_BITS
 from tb.common.playback import Playback
 
 SETTINGS = (("latency", 10), ("read_pauses", 8), ("write_pauses", 8), ("early", 1), ("bad_beat", 28))
@@ -32,6 +33,10 @@ module memory_model (
   input [290:0] writes__payload, input writes__valid, output writes__ready, output writes_idle
 );
   reg [255:0] ram [0:(1<<{bits})-1];
+  // Higher bits of an address are not ignored, so that one that is wrong is noticed.
+  function [{bits}-1:0] place(input [26:0] beat);
+    place = beat[{bits}-1:0] ^ {{{low_zeros}, beat[26:{bits}]}};
+  endfunction
   reg [31:0] now = 0, chance = 1;
   wire [31:0] once = chance ^ (chance << 13), twice = once ^ (once >> 17);
   always @(posedge clk) begin
@@ -56,12 +61,12 @@ module memory_model (
       if (reads__valid & reads__ready) begin
         asked[newest] <= reads__payload;
         asked_at[newest] <= now;
-        seen[newest] <= ram[reads__payload[{bits}-1:0]];
+        seen[newest] <= ram[place(reads__payload)];
         asks <= asks + 1;
       end
       if (~data__valid | data__ready) begin
         data__valid <= answering;
-        data__payload <= {{{{1'b0, asked[oldest]}} == bad_beat, early ? seen[oldest] : ram[asked[oldest][{bits}-1:0]]}};
+        data__payload <= {{{{1'b0, asked[oldest]}} == bad_beat, early ? seen[oldest] : ram[place(asked[oldest])]}};
         if (answering) answers <= answers + 1;
       end
     end
@@ -88,7 +93,7 @@ module memory_model (
         gifts <= gifts + 1;
       end
       if (storing) begin
-        for (i = 0; i < 8; i = i + 1) if (next[283 + i]) ram[next[{bits}-1:0]][32 * i +: 32] <= next[27 + 32 * i +: 32];
+        for (i = 0; i < 8; i = i + 1) if (next[283 + i]) ram[place(next[26:0])][32 * i +: 32] <= next[27 + 32 * i +: 32];
         stored <= stored + 1;
       end
     end
@@ -104,8 +109,14 @@ def with_memory(playback: Playback, bits: int) -> Playback:
     """The unit with a memory of 1 << bits beats connected to `reads`, `data`, `writes` and `writes_idle`, and with the
     additional settings SETTINGS.
 
-    The memory ignores the higher bits of an address, except in the comparison with `bad_beat`.
+    A region of at most half the memory may lie anywhere: the higher bits of an address are added, without carry, to the lowest
+    ones.
+
+    Raises:
+        ValueError: `bits` is not in 14..26.
     """
+    if not BEAT_BITS <= 2 * bits < 2 * BEAT_BITS:
+        raise ValueError(f"bits must be in {-(-BEAT_BITS // 2)}..{BEAT_BITS - 1}, not {bits!r}")
     name = f"{playback.module}_with_memory"
     ports, passed = ["input clk", "input rst"], ["clk", "rst"]
     for stream, (there, back) in (
@@ -124,7 +135,8 @@ def with_memory(playback: Playback, bits: int) -> Playback:
         _instance("memory_model", "memory", ["clk", "rst", *(port for port, _ in SETTINGS), *wires]),
         "endmodule\n"])
     low = (_QUEUE - 1).bit_length() - 1
-    memory = _MEMORY.format(bits=bits, queue=_QUEUE, top=low + 1, low=low)
+    zeros = f"{2 * bits - BEAT_BITS}'b0"
+    memory = _MEMORY.format(bits=bits, queue=_QUEUE, top=low + 1, low=low, low_zeros=zeros)
     return replace(
         playback, name=f"{playback.name}-memory-{bits}", module=name, verilog="\n".join([playback.verilog, memory, top]),
         settings=(*playback.settings, *SETTINGS))

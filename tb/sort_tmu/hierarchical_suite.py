@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
+from zlib import crc32
 
 import numpy as np
 
@@ -97,16 +98,19 @@ def expected_of(config: AcceleratorConfig, items: np.ndarray, beats: int) -> tup
 
 
 def plan_of(
-    config: AcceleratorConfig, name: str, groups: Iterable[np.ndarray], *, base: int = 4096, beats: int = 1 << 16,
+    config: AcceleratorConfig, name: str, groups: Iterable[np.ndarray], *, base: int | None = None, beats: int = 1 << 16,
     fresh: bool = True, expect: Mapping[str, int] | None = None, **options: object,
 ) -> Planned:
     """The run that plays groups.
 
-    `fresh` resets the unit before the run. `expect` holds further expected plain outputs. Further options set the memory
+    `base` is the first beat of the spill region, by default one that the name decides. `fresh` resets the unit before the run.
+    `expect` holds further expected plain outputs. Further options set the memory
     (`latency`, by default 20, and the others) or are those of `planned`.
     """
     items = items_of(config, groups)
     ordered, spilled, overflow = expected_of(config, items, beats)
+    if base is None:
+        base = crc32(name.encode()) % ((1 << BEAT_BITS) - beats)
     settings = {
         "spill_base": base, "spill_beats": beats, "clear": 0, "latency": 20, "read_pauses": 0, "write_pauses": 0, "early": 0,
         "bad_beat": NO_BAD_BEAT}
@@ -181,7 +185,8 @@ def memory_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
         plan.append(plan_of(
             config, f"back to back {k}", random_chunks(config, rng, lengths.tolist()), fresh=False, quiet=0, early=k % 2,
             beats=2 * unit * (3 + 4 * k), base=77 * k))
-    plan.append(plan_of(config, "a read answered with an error", groups, bad_beat=4096 + unit // 2, expect={"error": 1}))
+    plan.append(plan_of(
+        config, "a read answered with an error", groups, bad_beat=4096 + unit // 2, base=4096, expect={"error": 1}))
     plan.append(plan_of(
         config, "counters and flags kept clear", groups, bad_beat=4096, base=4096, beats=4 * unit, clear=1,
         expect={"error": 0, "spilled": 0, "overflow": 0}))

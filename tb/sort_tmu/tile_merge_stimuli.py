@@ -86,7 +86,7 @@ def corner_cases(widest: int) -> list[Case]:
         Case("no entries, then some, then none", 4, 3, (none, turns, none), None),
         Case("one tile", 1, 1, (np.zeros(700, np.int64),) * 2, None),
         Case("one tile of many", widest, 2, (np.full(5000, widest + 1),), 300),
-        Case("counts of 17 bits", 2, 1, (np.full(70_000, 1), counted((3, 1))), 1 << 16),
+        Case("counts of 19 bits", 2, 1, (np.full(270_000, 1), counted((3, 1))), 1 << 18),
         Case("tiles in turn", 3, 1, (turns, turns[:-1], np.sort(turns)), 500),
         Case("two tiles in turn", 2, 1, (turns % 2, np.repeat(turns % 2, 2)), 1),
         *(Case(f"beta {beta}", 7, 5, (mixed,), beta) for beta in (0, 1, 2, 1000, (1 << 24) - 1)),
@@ -101,6 +101,15 @@ def corner_cases(widest: int) -> list[Case]:
 def counted(counts: Iterable[int]) -> np.ndarray:
     """The tiles of a frame with these counts, each tile's intersections in a row."""
     return np.repeat(np.arange(len(counts)), counts)
+
+
+def shape_cases(rng: np.random.Generator, widest: int, count: int = 40) -> list[Case]:
+    """Frames of few intersections, of every shape: one row, one column, and numbers of tiles next to powers of two."""
+    powers = [size for size in (1 << bit for bit in range((widest * widest).bit_length())) if size + 1 <= widest * widest]
+    shapes = {(size + more, 1) for size in powers for more in (-1, 0, 1)} | {(1, size + 1) for size in powers}
+    shapes |= {tuple(int(n) for n in rng.integers(1, widest + 1, 2)) for _ in range(count)}
+    return [Case(f"shape {tiles_x}x{tiles_y}", tiles_x, tiles_y, (rng.integers(0, tiles_x * tiles_y, 30),) * 2, 9)
+            for tiles_x, tiles_y in sorted(shapes) if tiles_x]
 
 
 def threshold_cases(rng: np.random.Generator) -> list[Case]:

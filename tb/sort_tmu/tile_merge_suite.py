@@ -14,7 +14,15 @@ from tb.common.emission import emitted
 from tb.common.exact import Outcome, Planned, backpressure, every_pattern, planned
 from tb.common.playback import Playback, Stream
 from tb.common.scenes import traced_frames, traced_size
-from tb.sort_tmu.tile_merge_stimuli import Case, average_cases, case_of, corner_cases, random_case, threshold_cases
+from tb.sort_tmu.tile_merge_stimuli import (
+    Case,
+    average_cases,
+    case_of,
+    corner_cases,
+    random_case,
+    shape_cases,
+    threshold_cases,
+)
 
 VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny": TINY, "paper_small": PAPER_SMALL, "paper": PAPER, "tiny_v3": TINY_V3, "v3": V3}
@@ -65,7 +73,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     rng, widest = np.random.default_rng(seed), _widest(config)
     plan = [plan_of(config, case) for case in corner_cases(widest)]
     plan += [plan_of(config, case, reset=False, quiet=20, most_cycles=_cycles(case))
-             for case in (*threshold_cases(rng), *average_cases(widest))]
+             for case in (*threshold_cases(rng), *average_cases(widest), *shape_cases(rng, widest))]
     for k in range(6):
         plan.append(plan_of(config, random_case(rng, f"random {k}", min(20, widest), 1500)))
     case = random_case(rng, "streams", 8, 300)

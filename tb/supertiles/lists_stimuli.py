@@ -52,8 +52,8 @@ class Case:
             object.__setattr__(self, "entries_beats", free)
         object.__setattr__(self, "placed", [tile_lists(f["tile"], self.lists, self.entries_beats) for f in self.frames])
         used = max(where.beats for where in self.placed) + self._directory
-        if used > 1 << ADDRESS_BITS:
-            raise ValueError(f"case must fit {1 << ADDRESS_BITS} beats, not {used!r}")
+        if used > 1 << ADDRESS_BITS - 1:
+            raise ValueError(f"case must fit {1 << ADDRESS_BITS - 1} beats, not {used!r}")
 
     @property
     def _directory(self) -> int:

@@ -11,7 +11,8 @@ from amaranth.lib import stream
 from spec.memory import BEAT_BITS
 
 ADDRESS_BITS = 19
-"""The memory has 2**ADDRESS_BITS beats; larger addresses wrap around."""
+"""The memory has 2**ADDRESS_BITS beats. The higher bits of an address are added, without carry, to the lowest ones, so that one
+that is wrong is noticed; regions together of at most half the memory may lie anywhere."""
 
 _OUTSTANDING = 128
 """Most reads of a port in flight, in beats."""
@@ -30,6 +31,9 @@ module beat_memory #(parameter PORTS = 1) (
   output [PORTS-1:0] data_valid, input [PORTS-1:0] data_ready, output [257*PORTS-1:0] data
 );
   reg [255:0] beats [0:{(1 << ADDRESS_BITS) - 1}];
+  function [{ADDRESS_BITS - 1}:0] place(input [{BEAT_BITS - 1}:0] beat);
+    place = beat[{ADDRESS_BITS - 1}:0] ^ {{{2 * ADDRESS_BITS - BEAT_BITS}'b0, beat[{BEAT_BITS - 1}:{ADDRESS_BITS}]}};
+  endfunction
   reg [31:0] now = 0, noise = 1;
   always @(posedge clk) begin
     now <= now + 1;
@@ -59,8 +63,8 @@ module beat_memory #(parameter PORTS = 1) (
       out <= 0;
     end
     for (i = 0; i < 8; i = i + 1) begin
-      if (lands & late_strobe[out][i]) beats[late_beat[out][{ADDRESS_BITS - 1}:0]][32*i +: 32] <= late_word[out][32*i +: 32];
-      if (host_en & host_strobe[i]) beats[host_beat[{ADDRESS_BITS - 1}:0]][32*i +: 32] <= host_word[32*i +: 32];
+      if (lands & late_strobe[out][i]) beats[place(late_beat[out])][32*i +: 32] <= late_word[out][32*i +: 32];
+      if (host_en & host_strobe[i]) beats[place(host_beat)][32*i +: 32] <= host_word[32*i +: 32];
     end
   end
 
@@ -77,7 +81,7 @@ module beat_memory #(parameter PORTS = 1) (
       assign data[257*p +: 257] = answer[given[{_COUNT - 1}:0]];
       always @(posedge clk) begin
         if (reads_valid[p] & reads_ready[p]) begin
-          answer[asked[{_COUNT - 1}:0]] <= {{beat == bad, beats[beat[{ADDRESS_BITS - 1}:0]]}};
+          answer[asked[{_COUNT - 1}:0]] <= {{beat == bad, beats[place(beat)]}};
           due[asked[{_COUNT - 1}:0]] <= now + latency;
           asked <= asked + 1;
         end

@@ -82,8 +82,8 @@ class Case:
             object.__setattr__(self, "entries_beats", free)
         object.__setattr__(self, "lists", [tile_lists(f["tile"], self.tiles, self.entries_beats) for f in self.frames])
         used = sum(self._sizes.values()) - self._sizes["entries"] + max(where.beats for where in self.lists)
-        if used > 1 << ADDRESS_BITS:
-            raise ValueError(f"case must fit {1 << ADDRESS_BITS} beats, not {used!r}")
+        if used > 1 << ADDRESS_BITS - 1:
+            raise ValueError(f"case must fit {1 << ADDRESS_BITS - 1} beats, not {used!r}")
 
     @property
     def tiles(self) -> int:

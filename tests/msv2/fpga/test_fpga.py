@@ -70,7 +70,8 @@ def test_routing_begins_with_the_placed_design_and_has_weights_of_its_own(
     placed.write_text(json.dumps({"modules": {"top": {"settings": {"seed": "3", "router": "router1"}, "cells": {}}}}))
     asked: list[str] = []
 
-    def run(words: Sequence[object], log: Path) -> None:
+    def run(words: Sequence[object], log: Path, folder: Path) -> None:
+        assert folder == tmp_path
         asked.extend(str(word) for word in words)
         (tmp_path / "routed.config").write_text("")
         (tmp_path / "nextpnr.json").write_text(json.dumps(ROUTED))
@@ -78,7 +79,7 @@ def test_routing_begins_with_the_placed_design_and_has_weights_of_its_own(
     monkeypatch.setattr(tools, "run", run)
     monkeypatch.setattr(tools, "versions", dict)
     assert flow.route(Steps(tmp_path), DEVICES["85k"], placed) == ROUTED
-    read = json.loads(Path(asked[asked.index("--json") + 1]).read_text())
+    read = json.loads((tmp_path / asked[asked.index("--json") + 1]).read_text())
     assert read["modules"]["top"] == {"settings": {"seed": "3", **flow.ROUTER}, "cells": {}}
     assert {"--no-place", "--no-pack", "--85k"} <= set(asked)
 
