@@ -71,6 +71,9 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     for cycles in (3, tiles - 1, tiles + 3, tiles + 70, tiles + 200, 2 * tiles + 700, 4 * tiles + 2000):
         plan.append(plan_of(case, f"cut off after {cycles} cycles", abort=cycles))
         plan.append(plan_of(case, f"frames after a reset at {cycles}"))
+    for shape in SHAPES:
+        case = of(random_case(config, rng, f"many {shape}", config.row_width, 40, 3000, frames=1, shape=shape))
+        plan.append(plan_of(case, reset=False))
     for k in range(6):
         width, height = (int(n) for n in rng.integers(1, (min(config.row_width, 900), min(config.row_width, 200))))
         case = of(random_case(config, rng, f"back to back {k}", width, height, 100, obb=k % 4 == 3))
