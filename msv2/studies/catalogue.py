@@ -187,6 +187,8 @@ STUDIES = (
     Study("speed", "msv2.studies.speed.study", "speed of the renderers, and of training iterations",
           (Report("embedded $MSV2_DATA/trained/truck.splat --repeat 9 --keep", _files("bench", "json", "md"), 15,
                   f"{SCENES}, {TORCH}"),)),
+    Study("source_mutants", "msv2.studies.source_mutants.study", "small faults in spec and golden, and what notices them",
+          (Report("--keep", _files("source_mutants", "json", "md"), 120),)),
     Study("splat_cache", "msv2.studies.splat_cache.study", "misses of splat caches of other sizes and kinds",
           (Report("--keep", _files("splat_cache", "json", "md"), 2, SCENES),)),
     Study("stability", "msv2.studies.stability.study", "the hard cases on all renderers, and seeded faults",

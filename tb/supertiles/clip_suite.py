@@ -12,7 +12,7 @@ from rtl.supertiles.clip import SuperTileClip
 from spec.config import TINY_EYES, TINY_V3, V3, AcceleratorConfig
 from spec.constants import SUPER_TILES, SUPER_X, SUPER_Y, TILE
 from spec.joint import EYES
-from spec.records import projected_splat
+from spec.records import TILE_BITS, projected_splat
 from spec.supertiles import supertile
 from tb.common import exact
 from tb.common.emission import emitted
@@ -27,6 +27,9 @@ DISTINCT = ("tiny_v3", "tiny_eyes")
 """Configurations with different units."""
 
 PORTS = ("splats", "supertiles", "clipped")
+
+MOST_TILES = 1 << TILE_BITS
+"""Tiles of a row or a column that the fields of a box can number."""
 
 _SETTLING = 5
 
@@ -50,12 +53,13 @@ def _part(box: range, begin: int, size: int) -> tuple[int, int]:
 
 def second_phase(config: AcceleratorConfig, rng: np.random.Generator, name: str, counts: Sequence[int], **options: object,
                  ) -> Planned:
-    """Super-tiles anywhere in the widest frame, with so many pairs. Boxes begin and end inside and outside."""
-    tiles = -(-config.row_width // TILE)
+    """Super-tiles anywhere in the largest frame that the fields hold, with so many pairs. Boxes begin and end inside and
+    outside."""
+    tiles = MOST_TILES
     supers = random_rows(rng, supertile(config), len(counts))
     supers["pairs"] = counts
     for axis, size in (("x", SUPER_X), ("y", SUPER_Y)):
-        supers[axis] = rng.integers(0, -(-tiles // size), len(counts)) * size
+        supers[axis] = rng.integers(0, tiles // size, len(counts)) * size
     owner = np.repeat(np.arange(len(counts)), counts)
     splats = random_rows(rng, projected_splat(config), len(owner))
     splats["end"] = 0
@@ -63,8 +67,9 @@ def second_phase(config: AcceleratorConfig, rng: np.random.Generator, name: str,
         supers["eye"], splats["none"] = 0, 0
     for axis, size in (("x", SUPER_X), ("y", SUPER_Y)):
         inside = supers[axis][owner] + rng.integers(0, size, len(owner))  # a tile that is in both
-        reach = rng.choice([0, 1, 2, SUPER_TILES, tiles], (2, len(owner)))
-        splats[f"first_{axis}"], splats[f"last_{axis}"] = np.maximum(inside - reach[0], 0), inside + reach[1]
+        reach = rng.choice([0, 1, 2, 5, SUPER_TILES, tiles // 2, tiles], (2, len(owner)))
+        splats[f"first_{axis}"] = np.maximum(inside - reach[0], 0)
+        splats[f"last_{axis}"] = np.minimum(inside + reach[1], tiles - 1)
     expected = splats.copy()
     for splat, base in zip(expected, supers[owner], strict=True):
         for axis, size in (("x", SUPER_X), ("y", SUPER_Y)):
@@ -123,6 +128,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
             second_phase(config, rng, "full rate, a pair each", [1] * 80, most_cycles=81 + _SETTLING)]
     full = second_phase(config, rng, "full rate, any number", many,
                         most_cycles=int(np.maximum(many, 1).sum()) + _SETTLING)
+    plan.append(second_phase(config, rng, "many pairs", [9000, 1, 4097, 700]))
     plan += [full, second_phase(config, rng, "after empty ones", [0] * 30 + [2] + [0] * 7 + [5, 0])]
     for name, patterns in every_pattern(PORTS, seed).items():
         plan.append(second_phase(config, rng, name, rng.choice([0, 1, 2, 9], 40), patterns=patterns, reset=False))

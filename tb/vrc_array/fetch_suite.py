@@ -112,6 +112,8 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
         plan.add(random_case(config, "", seed + 1), f"whole frame after a reset at {cycles}")
     for k in range(4):
         plan.add(random_case(config, "", seed + 2 + k % 2), f"back to back, cleared {k}", reset=False, quiet=0)
+    long = [Tile(np.arange(count) % lines) for count in (70_000, 2, 40_000)]
+    plan.add(case_of(config, "", long, seed), "tiles with counts of 17 bits")
     few = case_of(config, "", [Tile(np.arange(lines // 2).repeat(k)) for k in (1, 2, 3)], seed)
     for k in range(4):
         plan.add(few, f"back to back, kept {k}", reset=False, clear=k == 0, quiet=0)

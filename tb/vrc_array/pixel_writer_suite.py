@@ -104,7 +104,7 @@ def joint_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
         return [random_pixels(config, rng, width, height) for _ in range(2)]
 
     for display in (False, True):
-        for width, height in SIZES:
+        for width, height in (*SIZES, (config.row_width, 17), (config.row_width - 1, 3), (3, config.row_width)):
             plan.add_joint(f"joint, {width} x {height}", pixels(width, height), display=display)
         for name, patterns in every_pattern(PORTS, seed).items():
             plan.add_joint(f"joint, {name}", pixels(37, 21), display=display, patterns=patterns, reset=False)
@@ -121,7 +121,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """Frames of many sizes, patterns of pauses, runs cut off by resets, and runs back to back."""
     plan, rng = Plan(config, seed), np.random.default_rng(seed)
     for display in (False, True):
-        for width, height in SIZES:
+        for width, height in (*SIZES, (config.row_width, 17), (config.row_width - 1, 3), (3, config.row_width)):
             plan.add(f"{width} x {height}", random_pixels(config, rng, width, height), display=display)
         for name, patterns in every_pattern(PORTS, seed).items():
             plan.add(name, random_pixels(config, rng, 37, 21), display=display, patterns=patterns, reset=False)
