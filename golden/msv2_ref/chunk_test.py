@@ -130,9 +130,14 @@ def judged_chunks(
     bounds = level_bounds(r.header[:, 0], r.tiles_x, rendered)
     outside &= ~behind
     filtered = _filtered(chunks["bound"], bounds, first, last) & ~(behind | outside)
+    return ChunkTest(behind, chunks["opacity"] == 0, outside, filtered, chunks["count"] == 0, astray(chunks, gaussians),
+                     first, last)
+
+
+def astray(chunks: np.ndarray, gaussians: int) -> np.ndarray:
+    """(C,) bool: chunks with more Gaussians than a chunk has, or with some that the model does not have. Arguments as above."""
     count = chunks["count"].astype(np.int64)
-    astray = (count > CHUNK) | (chunks["first"] + count > gaussians)
-    return ChunkTest(behind, chunks["opacity"] == 0, outside, filtered, count == 0, astray, first, last)
+    return (count > CHUNK) | (chunks["first"] + count > gaussians)
 
 
 def _intervals(config: AcceleratorConfig, chunks: np.ndarray, r: FrameRegisters) -> tuple[np.ndarray, np.ndarray]:

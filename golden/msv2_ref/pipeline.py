@@ -11,6 +11,7 @@ from golden.host.registers import FrameRegisters, frame_registers
 from golden.kernels import work_clock
 from golden.msv2_ref import array, projection, sort, tile_merge, tile_test
 from golden.msv2_ref.buckets import Bounds, check_bounds, no_bounds
+from golden.msv2_ref.chunk_test import astray
 from golden.msv2_ref.colour import splat_colours
 from golden.msv2_ref.regions import region_masks
 from golden.msv2_ref.supertiles import Pairs, find_pairs, list_counts, merge_lists
@@ -120,7 +121,10 @@ class Frame:
     def chunks_read(self) -> int:
         """The number of chunks whose Gaussians are read; 0 in a machine without chunks."""
         chunks = self.words.chunks
-        return 0 if chunks is None else int(self.read[chunks["first"][chunks["count"] > 0]].sum())
+        if chunks is None:
+            return 0
+        there = (chunks["count"] > 0) & ~astray(chunks, len(self.read))
+        return int(self.read[chunks["first"][there]].sum())
 
     @property
     def chunks_skipped(self) -> int:

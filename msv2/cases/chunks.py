@@ -1,4 +1,5 @@
-"""Cases 59 to 63: models in chunks, and ways in which a chunk could be skipped although something of it is seen."""
+"""Cases 59 to 63 and 77: models in chunks, and ways in which a chunk could be skipped although something of it is seen, or be
+read although it must not be."""
 
 from __future__ import annotations
 
@@ -17,6 +18,7 @@ from msv2.cases.check import MACHINE
 from msv2.cases.files import columns_of, loaded
 from msv2.cases.makers import splats, view
 from spec.chunks import CHUNK
+from spec.records import INDEX_BITS
 
 CHUNK_MACHINE = MACHINE.with_(name=f"{MACHINE.name}_v3", order="spatial", chunks=True, records="compact")
 """The configuration that plays frames of models in chunks."""
@@ -112,6 +114,17 @@ def _broken() -> Mapping[str, InChunks]:
     return {"dropped": InChunks(left, 1, 1, CHUNK)}
 
 
+def _with_lies(words: GaussianWords) -> GaussianWords:
+    """The words with three more headers like the first one, which name Gaussians that the model or a chunk does not have."""
+    lies = np.repeat(words.chunks[:1], 3)
+    lies["first"], lies["count"] = (0, len(words.geometry) - 5, (1 << INDEX_BITS) - 1), (CHUNK + 1, 6, 1)
+    return replace(words, chunks=np.concatenate([lies[:2], words.chunks, lies[2:]]))
+
+
+def _lying() -> Mapping[str, InChunks]:
+    return {"headers": InChunks(splats(*_row(CHUNK + 30, 0, 0, 3)), 5, 2, CHUNK + 30, _with_lies)}
+
+
 def _case(number: int, name: str, what: str, expected: str, frames: Callable[[], Mapping[str, InChunks]]) -> Case:
     """A case of frames in chunks: all its checks are on the integer renderer and the machine."""
     def check() -> None:
@@ -137,4 +150,8 @@ CHUNK_OF_ONE = _case(
 NAN_IN_A_CHUNK = _case(
     63, "nan-in-a-chunk", "65 splats of which one is not a number", "the loader drops it, and one full chunk is left", _broken)
 
-CASES = (GIANT_IN_A_FAR_CHUNK, CHUNK_AROUND_THE_CAMERA, EMPTY_CHUNK, CHUNK_OF_ONE, NAN_IN_A_CHUNK)
+LYING_CHUNK = _case(
+    77, "lying-chunk", "headers of chunks with more splats than a chunk has, or beyond the model's last one",
+    "they are skipped, and nothing is read outside the model; the other two chunks are drawn", _lying)
+
+CASES = (GIANT_IN_A_FAR_CHUNK, CHUNK_AROUND_THE_CAMERA, EMPTY_CHUNK, CHUNK_OF_ONE, NAN_IN_A_CHUNK, LYING_CHUNK)

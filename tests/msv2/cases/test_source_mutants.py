@@ -1,0 +1,109 @@
+"""Mutants of Python: what is drawn, what is left out, and that a fault in a small project is noticed by what looks at it."""
+
+from __future__ import annotations
+
+import ast
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from msv2.cases.source_mutants import draw, play, worker
+from msv2.cases.source_mutants.draw import SourceMutant, mutated, sites
+from msv2.cases.source_mutants.play import PARTS
+from msv2.studies.source_mutants import study
+from spec.errors import InputError
+from spec.paths import ROOT
+
+MODULE = '''"""A module with 3 and x < 4 in its docstring."""
+SIZE: int = 12
+SCALE = 0.5
+
+
+@decorated(7)
+def clipped(x: int, most: int = SIZE) -> int:
+    """Clips 5."""
+    if x < 0:
+        raise ValueError(f"x must not be {x + 1}")
+    assert x != 9
+    return min(x << 1, most) if not x > 3 and True else -x
+'''
+
+
+def changes() -> list[str]:
+    return [f"{node.lineno}: {words}" for node, words, _ in sites(ast.parse(MODULE))]
+
+
+def test_every_kind_of_change_is_found_and_nothing_that_only_refuses():
+    assert changes() == [
+        "2: 12 to 13", "3: 0.5 to 0.505", "12: And to Or", "12: no Not", "12: Gt to GtE", "12: 3 to 4", "12: True to False",
+        "12: min to max", "12: LShift to RShift", "12: 1 to 2", "12: no USub"]
+
+
+@pytest.mark.parametrize(("number", "line"), [
+    (0, "SIZE: int = 13"), (1, "SCALE = 0.505"), (2, "return min(x << 1, most) if not x > 3 or True else -x"),
+    (3, "return min(x << 1, most) if +(x > 3) and True else -x"), (7, "return max(x << 1, most) if not x > 3 and True else -x"),
+    (10, "return min(x << 1, most) if not x > 3 and True else +x")])
+def test_a_mutant_changes_one_place(number: int, line: str):
+    sound, text = ast.unparse(ast.parse(MODULE)), mutated(MODULE, SourceMutant("module.py", 1, "", number))
+    (changed,) = [b for a, b in zip(sound.splitlines(), text.splitlines(), strict=True) if a != b]
+    assert changed.strip() == line
+
+
+def test_draws_are_repeatable_and_bounded(tmp_path: Path):
+    (tmp_path / "module.py").write_text(MODULE)
+    found = draw.draw(["module.py"], 5, 1, tmp_path)
+    assert found == draw.draw(["module.py"], 5, 1, tmp_path) != draw.draw(["module.py"], 5, 2, tmp_path)
+    assert len({mutant.number for mutant in found}) == 5 and found == sorted(found, key=lambda mutant: mutant.number)
+    with pytest.raises(InputError, match="12 mutants are not accepted: 1 to 11 are"):
+        draw.draw(["module.py"], 12, 1, tmp_path)
+
+
+def test_every_module_of_a_part_can_be_mutated():
+    for part in PARTS.values():
+        for mutant in draw.draw(part.paths, 25, 3, ROOT):
+            compile(mutated((ROOT / mutant.path).read_text(), mutant), mutant.path, "exec")
+        assert all((ROOT / tests).is_dir() for tests in (*part.tests, *part.first))
+
+
+def test_the_worker_says_which_test_failed_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "test_it.py").write_text("def test_good():\n    pass\n\n\ndef test_bad():\n    assert 1 > 2\n")
+    monkeypatch.setattr(worker, "_tests", lambda paths: f"{paths[0]}::test_bad" if paths else "")
+    monkeypatch.setattr(worker, "_cases", lambda: "")
+    for steps, verdict in (
+            (["a", "cases"], {"by": "test", "words": "a::test_bad"}), (["cases"], {"by": "", "words": ""})):
+        monkeypatch.setattr(sys, "argv", ["worker", str(tmp_path / "result.json"), *steps])
+        worker.main()
+        assert json.loads((tmp_path / "result.json").read_text()) == verdict
+    monkeypatch.setattr(worker, "_cases", lambda: 1 // 0)
+    worker.main()
+    found = json.loads((tmp_path / "result.json").read_text())
+    assert found == {"by": "case", "words": "ZeroDivisionError: integer division or modulo by zero"}
+
+
+@pytest.mark.long
+def test_a_fault_in_a_table_is_noticed_and_the_copy_is_sound_again(tmp_path: Path):
+    """Some minutes: kernels are compiled anew."""
+    judge = play.Judge(PARTS["spec"], tmp_path)
+    every = draw.draw(["spec/formats.py"], len(sites(ast.parse((ROOT / "spec/formats.py").read_text()))), 1, ROOT)
+    mutant = next(each for each in every if each.words == "Sub to Add")
+    assert judge.judge(mutant)["by"]
+    assert (tmp_path / "copy" / mutant.path).read_text() == (ROOT / mutant.path).read_text()
+
+
+def test_the_page_counts_by_module_and_lists_what_nothing_notices():
+    rows = [{"path": "spec/a.py", "line": 3, "what": "1 to 2", "by": "case", "words": "x"},
+            {"path": "spec/a.py", "line": 4, "what": "Add to Sub", "by": "", "words": ""},
+            {"path": "spec/b.py", "line": 5, "what": "no Not", "by": "test", "words": "y"},
+            {"path": "spec/b.py", "line": 6, "what": "Eq to NotEq", "by": "hang", "words": "z"}]
+    assert study.total(rows) == {"mutants": 4, "by_cases": 2, "by_tests": 1, "noticed": 3, "share": 0.75}
+    text = study.pages({"spec": rows}, 1)
+    assert "| **spec** | 4 | 2 | 1 | 75.0 % |" in text and "| `spec/a.py` | 2 | 1 | 0 | 50.0 % |" in text
+    assert "| spec/a.py:4 | Add to Sub |" in text
+
+
+@pytest.mark.parametrize(("argv", "says"), [(["--part", "golde"], "golde"), (["--seed", "-1"], "--seed -1")])
+def test_bad_requests_name_what_is_accepted(argv: list[str], says: str):
+    with pytest.raises(InputError, match=says):
+        study.main(argv)
