@@ -34,7 +34,7 @@ FOLDER = BUILD / "trust"
 
 SEED = 20
 
-SOURCES = ("mutants", "formal", "stability")
+SOURCES = ("mutants", "source_mutants", "formal", "stability")
 """The reports that are read."""
 
 HEAD = """# What speaks for the RTL
@@ -59,6 +59,14 @@ def mutants() -> dict[str, Any]:
     report, made = _read("mutants")
     units = {row["unit"]: {"judged": row["drawn"] - row["equal"], "killed": row["killed"]} for row in report["rows"]}
     return {**{key: report[key] for key in ("drawn", "equal", "judged", "killed", "share", "missing")}, **made, "units": units}
+
+
+def source_mutants() -> dict[str, Any]:
+    """The mutants of Python, by part."""
+    report, made = _read("source_mutants")
+    parts = {name: {key: value for key, value in part.items() if key != "rows"} for name, part in report["parts"].items()}
+    sums = {key: sum(part[key] for part in parts.values()) for key in ("mutants", "by_cases", "by_tests", "noticed")}
+    return {**sums, **made, "units": parts}
 
 
 def formal() -> dict[str, Any]:
@@ -108,10 +116,13 @@ def _now() -> str:
 
 def pages(found: Mapping[str, Mapping[str, Any]]) -> str:
     """The page of the report."""
-    mutant, claim, fault, file, frame = (found[name] for name in ("mutants", "formal", "faults", "fuzz", "soak"))
+    mutant, source, claim, fault, file, frame = (
+        found[name] for name in ("mutants", "source_mutants", "formal", "faults", "fuzz", "soak"))
     lines = [
         ("mutants of units that the quick suites kill",
          f"{mutant['killed']} of {mutant['judged']} ({100 * mutant['share']:.1f} %); goal 95 %", mutant),
+        *((f"mutants of Python in {name} that cases or quick tests notice", f"{part['noticed']} of {part['mutants']}", source)
+          for name, part in source["units"].items()),
         ("claims proven for all inputs",
          f"{claim['proven']}; {claim['open']} open, {claim['fails'] + claim['empty']} fail", claim),
         ("seeded faults caught", f"{fault['caught']} of {fault['seeded']}", fault),
@@ -166,8 +177,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line: writes trust.json, the page trust.md and the picture trust.png."""
     args = _arguments(argv)
-    found = {"mutants": mutants(), "formal": formal(), "faults": faults(), "fuzz": fuzzed(args.cases),
-             "soak": soaked(round(args.cycles))}
+    found = {"mutants": mutants(), "source_mutants": source_mutants(), "formal": formal(), "faults": faults(),
+             "fuzz": fuzzed(args.cases), "soak": soaked(round(args.cycles))}
     write_report(args.out.with_suffix(".json"), found, [__name__], args, [REPORTS / f"{name}.json" for name in SOURCES])
     write_page(args.out, pages(found))
     picture(found, args.out.with_suffix(".png"))

@@ -12,6 +12,8 @@ from spec.errors import InputError
 PROVENANCE = {"command": "msv2 study run other --keep", "date": "2026-01-02T03:04:05+00:00"}
 MUTANTS = {"drawn": 12, "equal": 2, "judged": 10, "killed": 9, "share": 0.9, "missing": ["b"], "rows": [
     {"unit": "a", "drawn": 12, "equal": 2, "killed": 9}], "provenance": PROVENANCE}
+SOURCE_MUTANTS = {"parts": {"spec": {"mutants": 4, "by_cases": 2, "by_tests": 1, "noticed": 3, "share": 0.75, "rows": []}},
+                  "provenance": PROVENANCE}
 FORMAL = {"proven": 2, "open": 1, "fails": 0, "empty": 0, "rows": [
     {"unit": "Buffer", "claims": [{"result": "proven"}, {"result": "open"}]},
     {"unit": "Buffer", "claims": [{"result": "proven"}]}], "provenance": PROVENANCE}
@@ -23,7 +25,8 @@ STABILITY = {"seeded_faults_caught": 1, "faults": [{"column": "rtl", "caught": T
 def folders(tmp_path, monkeypatch):
     reports = tmp_path / "reports"
     reports.mkdir()
-    for name, content in (("mutants", MUTANTS), ("formal", FORMAL), ("stability", STABILITY)):
+    for name, content in (
+            ("mutants", MUTANTS), ("source_mutants", SOURCE_MUTANTS), ("formal", FORMAL), ("stability", STABILITY)):
         (reports / f"{name}.json").write_text(json.dumps(content))
     monkeypatch.setattr(study, "REPORTS", reports)
     monkeypatch.setattr(study, "FOLDER", tmp_path / "trust")
@@ -53,12 +56,14 @@ def test_the_report_has_every_part_with_its_command(folders, monkeypatch, differ
     assert study.main(["--cases", "3", "--cycles", "100", "--out", str(out)]) == status
     report, page = json.loads(out.with_suffix(".json").read_text()), out.read_text()
     assert (report["mutants"]["killed"], report["mutants"]["judged"]) == (9, 10)
+    assert (report["source_mutants"]["noticed"], report["source_mutants"]["mutants"]) == (3, 4)
     assert report["formal"]["units"] == {"Buffer": {"open": 1, "proven": 2}}
     assert (report["faults"]["seeded"], report["faults"]["caught"]) == (2, 1)
     assert (report["fuzz"]["cases"], report["fuzz"]["failures"]) == (3, 0)
     assert (report["soak"]["cycles"], report["soak"]["differences"]) == (105, len(differences))
-    assert all({"command", "date", "units"} <= set(report[part]) for part in ("mutants", "formal", "faults", "fuzz", "soak"))
-    assert "9 of 10 (90.0 %)" in page and "Not judged: b." in page and "4 abort, 12 good" in page
+    assert all({"command", "date", "units"} <= set(report[part]) for part in report if part != "provenance")
+    assert "9 of 10 (90.0 %)" in page and "| mutants of Python in spec that cases or quick tests notice | 3 of 4 |" in page
+    assert "Not judged: b." in page and "4 abort, 12 good" in page
     assert set(report["provenance"]["inputs"]) and "2026-01-02" in page
     again = study.fuzzed(3)
     assert again == report["fuzz"]  # it was not run again
