@@ -20,8 +20,8 @@ class ReadQueue(wiring.Component):
 
     Parameters:
         config: the machine.
-        depth: number of beats that fit, and so of requests that may be outstanding; 3 or more. A depth of L + 4 allows one beat
-            per cycle from a memory that answers after L cycles.
+        depth: number of beats that fit, and so of requests that may be outstanding; 3 or more. A depth of L + 5 allows one beat
+            per cycle from a memory that answers the AXI master after L cycles.
 
     Ports:
         reads: the unit's requests.

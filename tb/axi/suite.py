@@ -108,7 +108,7 @@ def master_plan(seed: int, count: int) -> list[Scenario]:
         Scenario(f"full rate, {IN_FLIGHT - 6} cycles of latency", "memory", **_traffic(count, 0), seed=seed,
                  temper=_temper(latency=(IN_FLIGHT - 6, IN_FLIGHT - 6)), most_cycles=most + 2 * IN_FLIGHT),
         Scenario("one reader alone", "memory", reads=(0, 0, count, 0, 0), writes=(0, 0, 0), seed=seed,
-                 temper=_temper(latency=(DEPTH - 4, DEPTH - 4)), most_cycles=round(count / FULL_RATE) + DEPTH + 20),
+                 temper=_temper(latency=(DEPTH - 5, DEPTH - 5)), most_cycles=round(count / FULL_RATE) + DEPTH + 20),
         Scenario("one writer alone", "memory", reads=(0,) * READERS, writes=(0, count, 0), seed=seed,
                  temper=_temper(latency=(IN_FLIGHT - 6, IN_FLIGHT - 6)), most_cycles=round(count / FULL_RATE) + IN_FLIGHT + 20),
         Scenario("more than may wait for answers", "memory", **_traffic(IN_FLIGHT, 3 * IN_FLIGHT), seed=seed,
