@@ -50,7 +50,7 @@ def _exactness(reports: Reports) -> Iterable[Row]:
            + (", also with four arrays and packed frames" if "frames_streams" in reports else "")
            + (", and of both eyes in one list" if "frames_eyes" in reports else "")
            + _combinations(reports.get("combinations"))
-           + _proofs(reports.get("formal")))
+           + _proofs(reports.get("formal"), reports.get("mutants")))
     worst = {records: worst_db(views, records) for records in BUDGETS_DB}
     yield ("integer golden renderer against float64", "-", f"{worst['wide']:.1f} dB or more; {worst['compact']:.1f} dB with "
            "compact records", f"the worst of {sum(row['records'] == 'wide' for row in views)} views; the budgets are "
@@ -68,9 +68,11 @@ def _combinations(report: Mapping[str, Any] | None) -> str:
     return f"; and {frames} frames of small machines in all combinations"
 
 
-def _proofs(formal: Mapping[str, Any] | None) -> str:
-    """How much is proven for all inputs, as the end of a sentence; empty if it is not known."""
-    return f"; {formal['proven']} claims about {formal['units']} units are proven for all inputs" if formal else ""
+def _proofs(formal: Mapping[str, Any] | None, mutants: Mapping[str, Any] | None) -> str:
+    """How much is proven for all inputs, and how many faults in circuits the tests notice, as the end of a sentence; empty
+    where it is not known."""
+    proofs = f"; {formal['proven']} claims about {formal['units']} units are proven for all inputs" if formal else ""
+    return proofs + (f"; tests notice {mutants['killed']:,} of {mutants['judged']:,} faults in circuits" if mutants else "")
 
 
 def _on_the_trained_scene(reports: Reports) -> str:
