@@ -14,7 +14,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -33,6 +33,8 @@ from tb.common.wave_view import write_view
 SIM_FOLDER = BUILD / "sim"
 WAVES_FILE = "dump.fst"
 """Name of the waves in the folder of a run."""
+TOGGLES = "coverage.dat"
+"""Name of the counts of changes in the folder of a run."""
 CLOCK_NS = 1
 """Clock period of every testbench in nanoseconds: one cycle is one nanosecond in the waves."""
 
@@ -118,6 +120,7 @@ class Design:
         apart: modules that Verilator must not inline into their parents. For the array's 256 pixel cores that compiles 2.5
             times faster and simulates no slower.
         unknown: whether what has no initial value begins with random bits (`random_start`) instead of zeros.
+        toggles: whether the simulation counts changes of every bit, and leaves them in TOGGLES in the folder of the run.
     """
 
     name: str
@@ -126,6 +129,7 @@ class Design:
     public: tuple[str, ...]
     apart: tuple[str, ...] = ()
     unknown: bool = False
+    toggles: bool = field(default=False, repr=False)  # the options of the build show it
 
 
 def random_start(seed: int) -> tuple[str, ...]:
@@ -225,7 +229,8 @@ def _control_file(design: Design, waves: Waves | None) -> str:
 
 def _build_arguments(design: Design) -> tuple[str, ...]:
     undefined = "unique" if design.unknown else "fast"
-    return "-O3", "--x-assign", undefined, "--x-initial", undefined, "-Wno-fatal", "-Wno-WIDTH"
+    toggles = ("--coverage-toggle", "--coverage-max-width", "4096") if design.toggles else ()
+    return "-O3", "--x-assign", undefined, "--x-initial", undefined, "-Wno-fatal", "-Wno-WIDTH", *toggles
 
 
 def build(design: Design, waves: Waves | None = None) -> Path:
