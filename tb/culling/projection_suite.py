@@ -46,6 +46,9 @@ _SETTLING = 200
 
 _RATE_POINTS = 500
 
+MANY = ("ordinary", "edges of the frame", "needles", "saturating means", "any bits in view")
+"""Of `EDITS`, those that are played with many points."""
+
 
 @cache
 def playback(config: AcceleratorConfig) -> Playback:
@@ -83,6 +86,9 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     for size in ((1, 1), (16, 16), (17, 33), (config.row_width, config.row_width)):
         plan.append(plan_of(case_of(config, rng, "ordinary", size=size, count=120, turned=False)))
         plan.append(plan_of(case_of(config, rng, "edges of the frame", size=size, count=120)))
+    widest = config.row_width, config.row_width
+    for name in MANY:  # enough for low bits that rounding mostly hides
+        plan.append(plan_of(case_of(config, rng, name, size=widest, count=4000), f"many, {name}"))
     plan += [plan_of(guard_band_case(config, rng, number)) for number in range(len(guard_band_ends(config)))]
     streams = mixed_case(config, rng, "streams", [40, 0, 1, 130, 0, 0, 60])
     for name, patterns in every_pattern(PORTS, seed).items():
