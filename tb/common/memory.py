@@ -13,10 +13,15 @@ from dataclasses import replace
 from spec.memory import BEAT_BITS
 from tb.common.playback import Playback
 
-SETTINGS = (("latency", 10), ("read_pauses", 8), ("write_pauses", 8), ("early", 1), ("bad_beat", 28))
+SETTINGS = (("latency", 10), ("read_pauses", 8), ("write_pauses", 8), ("early", 1), ("bad_beat", 28),
+            ("region", BEAT_BITS), ("region_beats", BEAT_BITS))
 """Additional plain inputs of the wrapper, with their widths. `latency`: cycles until an answer and until a write is visible.
 `read_pauses`, `write_pauses`: the share of cycles, in 256ths, in which reads or writes pause; accepting and answering pause
-independently. `early`: when reads look at the memory. `bad_beat`: a beat whose reads are answered with an error."""
+independently. `early`: when reads look at the memory. `bad_beat`: a beat whose reads are answered with an error. `region`,
+`region_beats`: the first beat and the size of the memory that the unit may use."""
+
+OBSERVED = (("astray", 1),)
+"""Additional plain outputs. `astray`: a read or a write was outside the region, since the last reset."""
 
 NO_BAD_BEAT = 1 << 27
 """The value of `bad_beat` for a memory without a faulty beat."""
@@ -27,7 +32,7 @@ _QUEUE = 2048
 _MEMORY = """\
 module memory_model (
   input clk, input rst, input [9:0] latency, input [7:0] read_pauses, input [7:0] write_pauses, input early,
-  input [27:0] bad_beat,
+  input [27:0] bad_beat, input [26:0] region, input [26:0] region_beats, output reg astray = 0,
   input [26:0] reads__payload, input reads__valid, output reads__ready,
   output reg [256:0] data__payload = 0, output reg data__valid = 0, input data__ready,
   input [290:0] writes__payload, input writes__valid, output writes__ready, output writes_idle
@@ -43,6 +48,10 @@ module memory_model (
     now <= now + 1;
     chance <= twice ^ (twice << 5);
   end
+  wire [26:0] read_at = reads__payload - region, write_at = writes__payload[26:0] - region;
+  always @(posedge clk)
+    if (rst) astray <= 0;
+    else if (reads__valid & read_at >= region_beats | writes__valid & write_at >= region_beats) astray <= 1;
   // Reads wait with their address, their time and what was there when they were taken.
   reg [26:0] asked [0:{queue}-1];
   reg [31:0] asked_at [0:{queue}-1];
@@ -107,7 +116,7 @@ _PORTS = (("reads__payload", 27), ("reads__valid", 1), ("reads__ready", 1), ("da
 
 def with_memory(playback: Playback, bits: int) -> Playback:
     """The unit with a memory of 1 << bits beats connected to `reads`, `data`, `writes` and `writes_idle`, and with the
-    additional settings SETTINGS.
+    additional settings SETTINGS and outputs OBSERVED.
 
     A region of at most half the memory may lie anywhere: the higher bits of an address are added, without carry, to the lowest
     ones.
@@ -125,21 +134,21 @@ def with_memory(playback: Playback, bits: int) -> Playback:
                   f"{back} {stream.name}__ready"]
         passed += [f"{stream.name}__{wire}" for wire in ("payload", "valid", "ready")]
     ports += [f"input [{width - 1}:0] {port}" for port, width in (*playback.settings, *SETTINGS)]
-    ports += [f"output [{width - 1}:0] {port}" for port, width in playback.observed]
+    ports += [f"output [{width - 1}:0] {port}" for port, width in (*playback.observed, *OBSERVED)]
     passed += [port for port, _ in (*playback.settings, *playback.observed)]
     wires = [port for port, _ in _PORTS]
     top = "\n".join([
         f"module {name} (", ",\n".join(f"  {port}" for port in ports), ");",
         *(f"  wire [{width - 1}:0] {port};" for port, width in _PORTS),
         _instance(playback.module, "unit", [*passed, *wires]),
-        _instance("memory_model", "memory", ["clk", "rst", *(port for port, _ in SETTINGS), *wires]),
+        _instance("memory_model", "memory", ["clk", "rst", *(port for port, _ in (*SETTINGS, *OBSERVED)), *wires]),
         "endmodule\n"])
     low = (_QUEUE - 1).bit_length() - 1
     zeros = f"{2 * bits - BEAT_BITS}'b0"
     memory = _MEMORY.format(bits=bits, queue=_QUEUE, top=low + 1, low=low, low_zeros=zeros)
     return replace(
         playback, name=f"{playback.name}-memory-{bits}", module=name, verilog="\n".join([playback.verilog, memory, top]),
-        settings=(*playback.settings, *SETTINGS))
+        settings=(*playback.settings, *SETTINGS), observed=(*playback.observed, *OBSERVED))
 
 
 def _instance(module: str, name: str, ports: list[str]) -> str:

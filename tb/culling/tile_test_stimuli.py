@@ -268,6 +268,17 @@ def whole_frame(splats: np.ndarray, width: int, height: int) -> np.ndarray:
     return splats
 
 
+def many_cases(config: AcceleratorConfig, rng: np.random.Generator) -> list[Case]:
+    """Thousands of splats of every shape in boxes that are the whole frame, so that their ellipses alone decide. They are
+    enough for the low bits of sums and comparisons; large ones meet so many tiles that there are fewer of them."""
+    cases = []
+    for shape, count in (("dots", 4000), ("discs", 4000), ("needles", 4000), ("giants", 400), ("extremes", 400)):
+        case = random_case(config, rng, f"many {shape}", config.row_width, 40, count, frames=1, shape=shape)
+        ((splats, levels),) = case.frames
+        cases.append(replace(case, frames=((whole_frame(splats, case.width, case.height), levels),)))
+    return cases
+
+
 def corner_cases(config: AcceleratorConfig, rng: np.random.Generator) -> list[Case]:
     """Every shape in every kind of table; frames of one pixel, tile, row or column and of odd sizes; no splats; boxes; splats
     over the whole frame."""

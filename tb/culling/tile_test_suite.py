@@ -16,7 +16,7 @@ from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.playback import Playback, Stream
 from tb.common.scenes import traced_frames, traced_size
 from tb.culling import TINY_RECORDS
-from tb.culling.tile_test_stimuli import SHAPES, Case, case_of, corner_cases, random_case, sharp_case
+from tb.culling.tile_test_stimuli import Case, case_of, corner_cases, many_cases, random_case, sharp_case
 
 VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny": TINY, "paper_small": PAPER_SMALL, "paper": PAPER, "tiny_stereo": TINY.with_(name="tiny_stereo", stereo=True),
@@ -65,7 +65,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """Cases by hand and at random, every pattern on every port, runs cut off by resets, and runs back to back at full rate."""
     rng = np.random.default_rng(seed)
     plan = [plan_of(case) for case in corner_cases(config, rng)]
-    plan.append(plan_of(sharp_case(config, rng, 400)))
+    plan.append(plan_of(sharp_case(config, rng, 1500)))
     size = min(config.row_width, 170), 90
     case = random_case(config, rng, "streams", *size, 120, frames=3)
     for name, patterns in every_pattern(PORTS, seed).items():
@@ -74,9 +74,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     for cycles in (3, tiles - 1, tiles + 3, tiles + 40, tiles + 70, tiles + 200, 2 * tiles + 700):
         plan.append(plan_of(case, f"cut off after {cycles} cycles", abort=cycles))
         plan.append(plan_of(case, f"frames after a reset at {cycles}"))
-    for shape in SHAPES:  # enough for the low bits of comparisons
-        case = random_case(config, rng, f"many {shape}", config.row_width, 40, 4000, frames=1, shape=shape)
-        plan.append(plan_of(case, reset=False))
+    plan += [plan_of(case, reset=False) for case in many_cases(config, rng)]
     for k in range(8):
         width, height = (int(n) for n in rng.integers(1, (min(config.row_width, 700), min(config.row_width, 200))))
         case = random_case(config, rng, f"back to back {k}", width, height, 150, obb=k % 4 == 3)

@@ -113,9 +113,11 @@ def plan_of(
         base = crc32(name.encode()) % ((1 << BEAT_BITS) - beats)
     settings = {
         "spill_base": base, "spill_beats": beats, "clear": 0, "latency": 20, "read_pauses": 0, "write_pauses": 0, "early": 0,
-        "bad_beat": NO_BAD_BEAT}
+        "bad_beat": NO_BAD_BEAT, "region": base, "region_beats": beats}
     settings = {key: options.pop(key, value) for key, value in settings.items()}
-    observed = {"busy": 0, "error": 0} | ({"spilled": spilled, "overflow": overflow} if fresh else {}) | (expect or {})
+    observed = {"busy": 0, "error": 0, "astray": 0, **(expect or {})}
+    if fresh:
+        observed = {"spilled": spilled, "overflow": overflow, **observed}
     return planned(name, {"groups": items}, {"sorted": ordered}, observed=observed, settings=settings, reset=fresh, **options)
 
 

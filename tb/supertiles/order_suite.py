@@ -164,10 +164,11 @@ def plan_of(config: AcceleratorConfig, case: Case, name: str | None = None, *, b
     cuts = np.flatnonzero(inputs["pairs"]["end"])[:-1] + 1
     frames = [_sorted(config, pairs[:-1], entries[:-1], bounds, beta) for pairs, entries, bounds in zip(
         np.split(inputs["pairs"], cuts), np.split(expected["entries"], cuts), case.bounds(config), strict=True)]
-    settings = {"beta": beta, "latency": 20, "read_pauses": 0, "write_pauses": 0, "early": 0, "bad_beat": NO_BAD_BEAT}
+    settings = {"beta": beta, "latency": 20, "read_pauses": 0, "write_pauses": 0, "early": 0, "bad_beat": NO_BAD_BEAT,
+                "region": 0, "region_beats": 1 << _SPILL_BITS}
     return planned(
         name or case.name, {name: inputs[name] for name in PORTS[:2]}, {"sorted": np.concatenate(frames)},
-        observed={"full": 0, "overflow": 0}, settings=settings, **options)
+        observed={"full": 0, "overflow": 0, "astray": 0}, settings=settings, **options)
 
 
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:

@@ -11,7 +11,16 @@ from spec.queues import LINES_AHEAD
 from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.scenes import traced_frames, traced_size
-from tb.culling.tile_test_stimuli import SHAPES, Case, case_of, corner_cases, random_case, random_splats, sharp_case
+from tb.culling.tile_test_stimuli import (
+    SHAPES,
+    Case,
+    case_of,
+    corner_cases,
+    many_cases,
+    random_case,
+    random_splats,
+    sharp_case,
+)
 from tb.supertiles.joint_tiles import JointSuperCase, joint_random_case
 from tb.supertiles.tile_test_device import playback
 from tb.supertiles.tile_test_stimuli import SuperCase, numbered, wide_case
@@ -71,9 +80,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     for cycles in (3, tiles - 1, tiles + 3, tiles + 70, tiles + 200, 2 * tiles + 700, 4 * tiles + 2000):
         plan.append(plan_of(case, f"cut off after {cycles} cycles", abort=cycles))
         plan.append(plan_of(case, f"frames after a reset at {cycles}"))
-    for shape in SHAPES:
-        case = of(random_case(config, rng, f"many {shape}", config.row_width, 40, 3000, frames=1, shape=shape))
-        plan.append(plan_of(case, reset=False))
+    plan += [plan_of(of(case), reset=False) for case in many_cases(config, rng)]
     for k in range(6):
         width, height = (int(n) for n in rng.integers(1, (min(config.row_width, 900), min(config.row_width, 200))))
         case = of(random_case(config, rng, f"back to back {k}", width, height, 100, obb=k % 4 == 3))
