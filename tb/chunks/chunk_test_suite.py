@@ -78,6 +78,8 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     plan = [plan_of(case_of(config, rng, kind), f"{kind} {i}") for kind in KINDS for i in range(6)]
     for size in ((1, 1), (16, 16), (17, 33), (config.row_width, config.row_width)):
         plan += [plan_of(case_of(config, rng, kind, size=size, turned=False), f"{kind}, {size[0]}x{size[1]}") for kind in KINDS]
+    # enough for low bits that rounding mostly hides
+    plan += [plan_of(case_of(config, rng, kind, 2500), f"many, {kind} {i}") for kind in KINDS for i in range(3)]
     plan += [plan_of(model_case(config, rng, count)) for count in (1, 64, 5000)]
     streams = mixed_case(config, rng, "streams", [40, 0, 1, 130, 0, 0, 60])
     for name, patterns in every_pattern(PORTS, seed).items():

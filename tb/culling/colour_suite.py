@@ -44,6 +44,7 @@ def unit_plan(config: AcceleratorConfig, seed: int, sh_degree: int = 3) -> list[
     plan = []
     for degree in range(sh_degree + 1):
         plan.append(plan_of(config, random_case(config, seed + degree, degree, [150])))
+        plan.append(plan_of(config, random_case(config, seed + degree, degree, [2000], name=f"many, {degree}")))
         plan.append(plan_of(config, extreme_case(config, degree)))
         plan.append(plan_of(config, fine_case(config, seed, degree, 1500)))
         frames = random_case(config, seed + degree, degree, [0, 1, 0, 0, 7, 30, 0], name=f"frames, {degree}")
