@@ -23,8 +23,7 @@ are the same in every configuration."""
 
 DISTINCT = ("tiny", "without_counters", "stereo", "memories")
 
-REGISTER_SCENARIOS = (
-    "identity", "unmapped", "settings", "resets", "crowd", "frames", "bad_settings", "interrupts", "aborts", "counters")
+REGISTER_SCENARIOS = ("identity", "unmapped", "settings", "crowd", "frames", "bad_settings", "interrupts", "aborts", "counters")
 """The names of the scenarios in `tb.axi.registers`."""
 
 FULL_RATE = 0.98
