@@ -34,8 +34,11 @@ FOLDER = BUILD / "trust"
 
 SEED = 20
 
-SOURCES = ("mutants", "source_mutants", "formal", "stability")
+SOURCES = ("mutants", "formal", "stability")
 """The reports that are read."""
+
+SOURCE_MUTANTS = "source_mutants"
+"""One that is read if it is there: it takes hours."""
 
 HEAD = """# What speaks for the RTL
 
@@ -63,7 +66,7 @@ def mutants() -> dict[str, Any]:
 
 def source_mutants() -> dict[str, Any]:
     """The mutants of Python, by part."""
-    report, made = _read("source_mutants")
+    report, made = _read(SOURCE_MUTANTS)
     parts = {name: {key: value for key, value in part.items() if key != "rows"} for name, part in report["parts"].items()}
     sums = {key: sum(part[key] for part in parts.values()) for key in ("mutants", "by_cases", "by_tests", "noticed")}
     return {**sums, **made, "units": parts}
@@ -116,8 +119,8 @@ def _now() -> str:
 
 def pages(found: Mapping[str, Mapping[str, Any]]) -> str:
     """The page of the report."""
-    mutant, source, claim, fault, file, frame = (
-        found[name] for name in ("mutants", "source_mutants", "formal", "faults", "fuzz", "soak"))
+    mutant, claim, fault, file, frame = (found[name] for name in ("mutants", "formal", "faults", "fuzz", "soak"))
+    source = found.get(SOURCE_MUTANTS, {"units": {}})
     lines = [
         ("mutants of units that the quick suites kill",
          f"{mutant['killed']} of {mutant['judged']} ({100 * mutant['share']:.1f} %); goal 95 %", mutant),
@@ -177,9 +180,12 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line: writes trust.json, the page trust.md and the picture trust.png."""
     args = _arguments(argv)
-    found = {"mutants": mutants(), "source_mutants": source_mutants(), "formal": formal(), "faults": faults(),
-             "fuzz": fuzzed(args.cases), "soak": soaked(round(args.cycles))}
-    write_report(args.out.with_suffix(".json"), found, [__name__], args, [REPORTS / f"{name}.json" for name in SOURCES])
+    sources = [REPORTS / f"{name}.json" for name in (*SOURCES, SOURCE_MUTANTS)]
+    found = {"mutants": mutants(), "formal": formal(), "faults": faults(), "fuzz": fuzzed(args.cases),
+             "soak": soaked(round(args.cycles))}
+    if sources[-1].exists():
+        found[SOURCE_MUTANTS] = source_mutants()
+    write_report(args.out.with_suffix(".json"), found, [__name__], args, [path for path in sources if path.exists()])
     write_page(args.out, pages(found))
     picture(found, args.out.with_suffix(".png"))
     for name, row in found.items():

@@ -69,6 +69,14 @@ def test_the_report_has_every_part_with_its_command(folders, monkeypatch, differ
     assert again == report["fuzz"]  # it was not run again
 
 
+def test_mutants_of_python_may_be_missing(folders, monkeypatch):
+    monkeypatch.setattr(study, "Soak", soak_of([]))
+    monkeypatch.setattr(study, "FORMATS", {"ply": study.FORMATS["ply"]})
+    (folders / "reports" / "source_mutants.json").unlink()
+    assert study.main(["--cases", "3", "--cycles", "100", "--out", str(folders / "trust.md")]) == 0
+    assert "Python" not in (folders / "trust.md").read_text()
+
+
 def test_a_missing_report_is_named_with_its_command(folders):
     (folders / "reports" / "formal.json").unlink()
     with pytest.raises(InputError, match="msv2 study run formal --keep"):
