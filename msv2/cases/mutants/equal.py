@@ -99,18 +99,36 @@ class Circuit:
         begin = self.inputs - self.registers + 1
         made, still = _Gates(self.inputs + self.registers), dict.fromkeys(self.still, 0)
         sound = self._build(made, still | self._chosen(0))
-        reached: dict[int, int] = {}  # the literal of the second copy of a register
-        while True:
-            faulty = self._build(made, still | self._chosen(number) | reached)
-            new = {begin + n: 2 * (self.inputs + 1 + n) for n in range(self.registers)
-                   if sound[n] != faulty[n] and begin + n not in reached}
-            if not new:
-                break
-            reached |= new
+        faulty = self._build(made, still | self._chosen(number))
+        first = {begin + n for n in range(self.registers) if sound[n] != faulty[n]}
+        reached = {each: 2 * (each - begin + 1 + self.inputs) for each in self._behind(first)}  # literals of the second copies
+        faulty = self._build(made, still | self._chosen(number) | reached)
         registers = {begin + n: sound[n] for n in range(self.registers)}
         registers |= {literal >> 1: faulty[variable - begin] for variable, literal in reached.items()}
         seen = {made.exclusive(a, b) for a, b in zip(sound[self.registers :], faulty[self.registers :], strict=True) if a != b}
         return _never(made, seen, registers, self.folder / "question.aig")
+
+    def _behind(self, first: set[int]) -> set[int]:
+        """These registers, and all that depend on them."""
+        begin, seen = self.inputs - self.registers + 1, set(first)
+        waiting = list(first)
+        while waiting:
+            for user in self._users.get(waiting.pop(), ()):
+                if user not in seen:
+                    seen.add(user)
+                    waiting.append(user)
+        return {each for each in seen if begin <= each <= self.inputs}
+
+    @cached_property
+    def _users(self) -> dict[int, list[int]]:
+        """The gates that read a variable, and the registers whose next value it is."""
+        found: dict[int, list[int]] = {}
+        for gate, pair in enumerate(self.gates, self.inputs + 1):
+            for literal in pair:
+                found.setdefault(literal >> 1, []).append(gate)
+        for n, literal in enumerate(self.outputs[: self.registers]):
+            found.setdefault(literal >> 1, []).append(self.inputs - self.registers + 1 + n)
+        return found
 
     def _chosen(self, number: int) -> dict[int, int]:
         return {variable: number >> bit & 1 for bit, variable in enumerate(self.select)}

@@ -152,7 +152,7 @@ class Player:
         orders = {**self._orders, "mutants": list(numbers), "insist": list(insist)}
         (self._folder / "orders.json").write_text(json.dumps(orders))
         simulate(self._playback.design(), "msv2.cases.mutants.forks", self._folder,
-                 env={"PLAYBACK_FOLDER": str(self._folder)}, plusargs=[f"+folder={self._folder}"])
+                 env={"PLAYBACK_FOLDER": str(self._folder)}, plusargs=[f"+folder={self._folder}", "+verilator+noassert"])
         return {number: json.loads((self._folder / "mutants" / f"{number}.json").read_text()) for number in numbers}
 
     def _judge(self, number: int, report: dict) -> Verdict:

@@ -94,11 +94,17 @@ def test_the_input_of_a_register_that_is_always_0_may_be_tied_to_0(tmp_path: Pat
     assert modes["const0"] and not modes["const1"] and not modes["inv"]
 
 
-def test_no_mutant_is_called_equal_beside_a_module_in_verilog(tmp_path: Path):
+def test_a_module_in_verilog_is_cut(tmp_path: Path):
+    """Half of the gate that is there twice may be 0, and what goes into the module must stay."""
     with keeping_sources() as texts:
         to_rtlil(Boxed(), "boxed")
     mutants = mutate.draw(texts["boxed"].replace("/tests/", "/rtl/"), "boxed", 60, 1, tmp_path)
-    assert mutants and not equal.equal(mutants, "boxed", tmp_path)
+    box = "module box(input a, output back);\nendmodule\n"
+    same = equal.equal(mutants, "boxed", tmp_path, f"module other;\nendmodule\n{box}")
+    assert 0 < len(same) < len(mutants) / 2
+    assert all("const0" in mutant.command or "cnot" in mutant.command for mutant in mutants if mutant.number in same)
+    with pytest.raises(ValueError, match="box"):
+        equal.equal(mutants, "boxed", tmp_path, "module other;\nendmodule\n")
 
 
 def test_mutants_do_not_reach_the_testbench(tmp_path: Path):
