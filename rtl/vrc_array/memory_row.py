@@ -83,10 +83,10 @@ class MemoryCore(PixelCore):
         shown = [Signal(width, name=f"shown{level}", reset_less=True) for level in levels]
         left = [Mux(op.write[level] & changes, after, words[level]) for level in levels]
         m.d.comb += [write.en.eq(op.write.any() & changes), write.data.eq(Cat(left))]
-        again = Signal()  # the op behind is of the same block
+        # The op behind is of the same block. An op that writes nothing leaves the word as it is stored.
+        again = Signal()
         m.d.comb += again.eq(self.alpha_op.block == op.read.block)
-        m.d.sync += [
-            word.eq(Mux(again, new, old)) for word, new, old in zip(words, left, stored, strict=True)]
+        m.d.sync += [word.eq(Mux(again, new, old)) for word, new, old in zip(words, left, stored, strict=True)]
         m.d.sync += [register.eq(value) for register, value in zip(shown, left, strict=True)]
         m.d.comb += [self.pixel[level].transmittance.eq(shown[level]) for level in levels]
 

@@ -52,7 +52,8 @@ def pixel_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 def alpha_op_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """Fields of the op in the alpha stage; `cut` is at least `tables.log2_alpha_min`."""
+    """Fields of the op in the alpha stage; `cut` is at least `tables.log2_alpha_min`. Banks in memories are read in this stage,
+    so that the block is there, too."""
     ahead = {"block": index_shape(config.blocks)} if config.bank_memories else {}
     return data.StructLayout({"cut": signed(config.formats.cut.width), "outer": 1, "last": 1, **ahead})
 

@@ -181,7 +181,7 @@ async def settings(host: Host) -> None:
         assert await host.read(name) == read_back(host.map[name], patterns[name]), name
     await restart(host.dut)
     for name, pattern in patterns.items():
-        assert await host.read(name) == read_back(host.map[name], pattern * host.config.bank_memories), name
+        assert await host.read(name) == read_back(host.map[name], pattern if host.config.bank_memories else 0), name
 
 
 async def crowd(host: Host) -> None:

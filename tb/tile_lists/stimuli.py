@@ -16,6 +16,7 @@ from spec.memory import (
     BEAT_BYTES,
     BEAT_ENTRIES,
     DIRECTORY_BEATS,
+    FIRST_PAGE_BEATS,
     FIRST_PAGE_ENTRIES,
     TILE_SETTING_BYTES,
     WORDS,
@@ -40,7 +41,8 @@ from tb.tile_lists.memory import ADDRESS_BITS
 BOUNDARIES = (0, 1, 3, 4, 5, 31, 32, 33, 95, 96, 97, 223, 224, 225)
 """Counts around those at which a page or a beat is full."""
 
-LONG_BOUNDARIES = tuple(32 * ((1 << pages) - 1) + more for pages in range(4, 12) for more in (0, 1) if more or pages < 10)
+LONG_BOUNDARIES = tuple(
+    FIRST_PAGE_ENTRIES * ((1 << pages) - 1) + more for pages in range(4, 12) for more in (0, 1) if more or pages < 10)
 """The same of lists of 4 to 12 pages; those of more than 9 have a second beat of pointers."""
 
 
@@ -217,13 +219,17 @@ def mixed_tiles(rng: np.random.Generator, counts: Sequence[int]) -> np.ndarray:
     return tile
 
 
+_ROOM_BITS = BEAT_BITS - FIRST_PAGE_BEATS.bit_length()
+"""Powers of two of free units are below this one, so that the region has less beats than a beat's number can tell."""
+
+
 def page_rooms() -> list[tuple[int, int]]:
     """Numbers of free units beyond a list's first page, each with a count whose last entry begins a page. The page just fits,
     lacks one unit, or meets a power of two of free units."""
     found = []
     for pages in range(1, 8):
         before, last = (1 << pages) - 2, 1 << pages
-        bits = range(pages + 1, BEAT_BITS - 4) if pages < 5 else ()
+        bits = range(pages + 1, _ROOM_BITS) if pages < 5 else ()
         units = [before + last, before + last - 1, *(before + (1 << bit) for bit in bits)]
         found += [(unit, FIRST_PAGE_ENTRIES * (last - 1) + 1) for unit in units]
     return found

@@ -7,7 +7,6 @@ and `assert`, an `if` whose body only raises, docstrings, annotations and decora
 from __future__ import annotations
 
 import ast
-import copy
 import random
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -126,6 +125,6 @@ def draw(paths: Sequence[str], count: int, seed: int, root: Path) -> list[Source
 
 def mutated(text: str, mutant: SourceMutant) -> str:
     """The text of a module with a mutant in it."""
-    tree = copy.deepcopy(ast.parse(text))
+    tree = ast.parse(text)
     sites(tree)[mutant.number][2]()
     return ast.unparse(tree) + "\n"

@@ -88,7 +88,8 @@ class Judge:
         self._seconds = _SLACK * (time.monotonic() - begin) + _SECONDS
 
     def judge(self, mutant: SourceMutant) -> dict[str, str]:
-        """`by`: what notices the mutant, "case", "test" or "hang", or "" where nothing does; `words`: what was wrong."""
+        """`by`: "case" or "test", where one notices the mutant, "hang" or "crash", or "" where nothing does; `words`: what was
+        wrong."""
         path = self._copy / mutant.path
         sound, states = path.read_text(), self._states()
         try:
@@ -120,7 +121,7 @@ class Judge:
         try:
             return dict(read_json(result))
         except (OSError, ValueError, json.JSONDecodeError):
-            return {"by": "case", "words": f"the process ended with {process.returncode}"}
+            return {"by": "crash", "words": f"the process ended with {process.returncode}"}
 
 
 def _limit() -> None:

@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 
 QUICK = "not (rtl or torch or slow or long or data)"
+"""The tests that `make check` runs, too."""
 
 
 def _cases() -> str:

@@ -1,8 +1,8 @@
 """`msv2 study run source_mutants`: puts small faults into `spec/` and the integer renderer, and counts what notices them.
 
 Each mutant is judged in a copy of the project: by the hard cases, which compare the integer renderer with the oracle and with
-stated values, and where these notice nothing, by the quick tests of the part. docs/stability.md tells more. Verdicts are kept
-in build/source_mutants, so that an interrupted study continues.
+stated values, and by the quick tests of the part. docs/stability.md tells more. Verdicts are kept in build/source_mutants, so
+that an interrupted study continues.
 
 examples:
   msv2 study run source_mutants                              200 mutants of spec, 300 of the integer renderer
@@ -63,17 +63,18 @@ def verdicts(part: Part, count: int, seed: int) -> list[dict[str, Any]]:
 
 
 def total(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """How many mutants there are, how many cases and tests notice, and the share of the noticed."""
+    """How many mutants there are, how many cases and tests notice, how many end neither well nor with a verdict, and the share
+    of all that are noticed."""
     by = Counter(row["by"] for row in rows)
     noticed = len(rows) - by[""]
-    return {"mutants": len(rows), "by_cases": by["case"] + by["hang"], "by_tests": by["test"], "noticed": noticed,
-            "share": round(noticed / max(len(rows), 1), 4)}
+    return {"mutants": len(rows), "by_cases": by["case"], "by_tests": by["test"], "no_end": by["hang"] + by["crash"],
+            "noticed": noticed, "share": round(noticed / max(len(rows), 1), 4)}
 
 
 def _line(name: str, rows: Sequence[Mapping[str, Any]]) -> list[object]:
     """A line of the table."""
     sums = total(rows)
-    return [name, sums["mutants"], sums["by_cases"], sums["by_tests"], f"{100 * sums['share']:.1f} %"]
+    return [name, sums["mutants"], sums["by_cases"], sums["by_tests"], sums["no_end"], f"{100 * sums['share']:.1f} %"]
 
 
 def pages(parts: Mapping[str, Sequence[Mapping[str, Any]]], seed: int) -> str:
@@ -84,7 +85,7 @@ def pages(parts: Mapping[str, Sequence[Mapping[str, Any]]], seed: int) -> str:
         for path in sorted({row["path"] for row in rows}):
             lines.append(_line(f"`{path}`", [row for row in rows if row["path"] == path]))
         left += [[f"{row['path']}:{row['line']}", row["what"]] for row in rows if not row["by"]]
-    table = page.table(["module", "mutants", "noticed by cases", "by tests", "share"], lines, left=1)
+    table = page.table(["module", "mutants", "noticed by cases", "by tests", "crash or hang", "share"], lines, left=1)
     survivors = page.table(["line", "what is changed"], left, empty="None.")
     return f"{HEAD}\nThey were drawn with seed {seed}.\n\n{table}\n\n## What nothing notices\n\n{survivors}"
 
@@ -109,7 +110,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     names = [choice("part", args.part, sorted(PARTS))] if args.part else list(PARTS)
     parts: dict[str, list[dict[str, Any]]] = {}
     for name in names:
-        parts[name] = verdicts(PARTS[name], args.count or COUNTS[name], args.seed)
+        parts[name] = verdicts(PARTS[name], COUNTS[name] if args.count is None else args.count, args.seed)
         sums = total(parts[name])
         tqdm.write(f"{name}: {sums['noticed']} of {sums['mutants']} noticed, {sums['by_cases']} of them by cases")
         for row in parts[name] if args.part else ():

@@ -68,7 +68,7 @@ def source_mutants() -> dict[str, Any]:
     """The mutants of Python, by part."""
     report, made = _read(SOURCE_MUTANTS)
     parts = {name: {key: value for key, value in part.items() if key != "rows"} for name, part in report["parts"].items()}
-    sums = {key: sum(part[key] for part in parts.values()) for key in ("mutants", "by_cases", "by_tests", "noticed")}
+    sums = {key: sum(part[key] for part in parts.values()) for key in ("mutants", "by_cases", "by_tests", "no_end", "noticed")}
     return {**sums, **made, "units": parts}
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import json
+import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -12,6 +14,7 @@ import pytest
 from msv2.cases.source_mutants import draw, play, worker
 from msv2.cases.source_mutants.draw import SourceMutant, mutated, sites
 from msv2.cases.source_mutants.play import PARTS
+from msv2.cli import check
 from msv2.studies.source_mutants import study
 from spec.errors import InputError
 from spec.paths import ROOT
@@ -67,8 +70,21 @@ def test_every_module_of_a_part_can_be_mutated():
         assert all((ROOT / tests).is_dir() for tests in (*part.tests, *part.first))
 
 
-def test_the_worker_says_which_test_failed_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    (tmp_path / "test_it.py").write_text("def test_good():\n    pass\n\n\ndef test_bad():\n    assert 1 > 2\n")
+def test_the_worker_runs_tests_until_one_fails(tmp_path: Path):
+    for name, body in (("good", "assert 2 > 1"), ("bad", "assert 1 > 2")):
+        (tmp_path / f"test_{name}.py").write_text(f"def test_it():\n    {body}\n")
+    code = "import sys; from msv2.cases.source_mutants import worker; print('found:' + worker._tests(sys.argv[1:]))"
+    for names, found in ((["test_good.py"], ""), (["test_good.py", "test_bad.py"], "test_bad.py::test_it")):
+        run = subprocess.run([sys.executable, "-c", code, *names], cwd=tmp_path, capture_output=True, text=True, check=True,
+                             env=os.environ | {"PYTHONPATH": str(ROOT)})
+        assert run.stdout.splitlines()[-1] == f"found:{found}", run.stdout
+
+
+def test_the_workers_quick_tests_are_those_of_make_check():
+    assert worker.QUICK == check.QUICK
+
+
+def test_the_worker_goes_on_until_something_notices(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(worker, "_tests", lambda paths: f"{paths[0]}::test_bad" if paths else "")
     monkeypatch.setattr(worker, "_cases", lambda: "")
     for steps, verdict in (
@@ -97,13 +113,14 @@ def test_the_page_counts_by_module_and_lists_what_nothing_notices():
             {"path": "spec/a.py", "line": 4, "what": "Add to Sub", "by": "", "words": ""},
             {"path": "spec/b.py", "line": 5, "what": "no Not", "by": "test", "words": "y"},
             {"path": "spec/b.py", "line": 6, "what": "Eq to NotEq", "by": "hang", "words": "z"}]
-    assert study.total(rows) == {"mutants": 4, "by_cases": 2, "by_tests": 1, "noticed": 3, "share": 0.75}
+    assert study.total(rows) == {"mutants": 4, "by_cases": 1, "by_tests": 1, "no_end": 1, "noticed": 3, "share": 0.75}
     text = study.pages({"spec": rows}, 1)
-    assert "| **spec** | 4 | 2 | 1 | 75.0 % |" in text and "| `spec/a.py` | 2 | 1 | 0 | 50.0 % |" in text
+    assert "| **spec** | 4 | 1 | 1 | 1 | 75.0 % |" in text and "| `spec/a.py` | 2 | 1 | 0 | 0 | 50.0 % |" in text
     assert "| spec/a.py:4 | Add to Sub |" in text
 
 
-@pytest.mark.parametrize(("argv", "says"), [(["--part", "golde"], "golde"), (["--seed", "-1"], "--seed -1")])
+@pytest.mark.parametrize(("argv", "says"), [
+    (["--part", "golde"], "golde"), (["--seed", "-1"], "--seed -1"), (["--part", "spec", "--count", "0"], "0 mutants")])
 def test_bad_requests_name_what_is_accepted(argv: list[str], says: str):
     with pytest.raises(InputError, match=says):
         study.main(argv)

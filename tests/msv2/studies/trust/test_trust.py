@@ -12,8 +12,8 @@ from spec.errors import InputError
 PROVENANCE = {"command": "msv2 study run other --keep", "date": "2026-01-02T03:04:05+00:00"}
 MUTANTS = {"drawn": 12, "equal": 2, "judged": 10, "killed": 9, "share": 0.9, "missing": ["b"], "rows": [
     {"unit": "a", "drawn": 12, "equal": 2, "killed": 9}], "provenance": PROVENANCE}
-SOURCE_MUTANTS = {"parts": {"spec": {"mutants": 4, "by_cases": 2, "by_tests": 1, "noticed": 3, "share": 0.75, "rows": []}},
-                  "provenance": PROVENANCE}
+SOURCE_MUTANTS = {"provenance": PROVENANCE, "parts": {"spec": {
+    "mutants": 4, "by_cases": 2, "by_tests": 1, "no_end": 0, "noticed": 3, "share": 0.75, "rows": []}}}
 FORMAL = {"proven": 2, "open": 1, "fails": 0, "empty": 0, "rows": [
     {"unit": "Buffer", "claims": [{"result": "proven"}, {"result": "open"}]},
     {"unit": "Buffer", "claims": [{"result": "proven"}]}], "provenance": PROVENANCE}
