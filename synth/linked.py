@@ -19,6 +19,7 @@ from spec.errors import InputError
 from synth import timing
 from synth.corners import HOLD_UNCERTAINTY_PS, INPUT_SLEW_PS, SLEW_LIMIT_PS, UNCERTAINTY, Corner
 from synth.design import Design
+from synth.hold import MemoryPort, buffers
 from synth.machine import TOP, UNIT_GROUPS, label
 from synth.macro_timing import PINS, MemoryCell, liberty, memory_timing
 from synth.memories import MADE_AS, Macro
@@ -32,6 +33,7 @@ RESET_NET = "units_rst"
 cycles while they are quiet, and a tree would distribute it: here the units get the ideal reset of the port."""
 
 _MEMORY_PORT = re.compile(rf"memory(\d+)_({'|'.join(PINS)})")
+_MEMORY_PIN = re.compile(r"(?:^|/)(memory\d+)/(\w+)")
 _MOST_PATHS = 1_000_000
 
 
@@ -72,6 +74,7 @@ class LinkedTiming:
         slew_slack_ps: the worst of them, relative to the limit; null if there are none.
         slew_clocks: clock gates whose registers are too many for them without a tree.
         path: the report of the worst path.
+        early: the ports to memories that miss hold.
     """
 
     corner: str
@@ -88,6 +91,7 @@ class LinkedTiming:
     slew_slack_ps: float | None
     slew_clocks: int
     path: str
+    early: tuple[MemoryPort, ...] = ()
 
     @property
     def zero_slack_ps(self) -> float:
@@ -128,8 +132,14 @@ def memory_cells(stores: Iterable[Mapping[str, object]], text: str) -> dict[str,
     return found
 
 
-def with_memories(text: str, cells: Mapping[str, MemoryCell]) -> str:
-    """The netlist of a module with its memories in it instead of ports to them."""
+def with_memories(
+    text: str, cells: Mapping[str, MemoryCell], held: Mapping[str, int] | None = None,
+    buffer: tuple[str, str, str] = ("", "", ""),
+) -> str:
+    """The netlist of a module with its memories in it instead of ports to them.
+
+    `held`: how many buffers in a row stand before each bit of a port (`synth.hold`). `buffer`: the cell, and its pins.
+    """
     if not cells:
         return text
     begin, end = text.index("module "), text.index(");")
@@ -139,9 +149,13 @@ def with_memories(text: str, cells: Mapping[str, MemoryCell]) -> str:
     declared = re.compile(r"  (?:input|output) (?:\[\d+:0\] )?(\S+?) ?;$")
     lines = [line for line in body.splitlines(keepends=True)
              if not ((found := declared.match(line)) and _memory_port(found[1], cells))]
-    instances = "".join(
-        f"  {cell.name} {label} (\n    .clk(clk){''.join(f',{chr(10)}    .{pin}({label}_{pin})' for pin in cell.pins)}\n  );\n"
-        for label, cell in cells.items())
+    instances = ""
+    for memory, cell in cells.items():
+        nets, before = "", ""
+        for pin, width in cell.pins.items():
+            net, added = buffers(f"{memory}_{pin}", width, (held or {}).get(f"{memory}_{pin}", 0), buffer)
+            nets, before = f"{nets},\n    .{pin}({net})", before + added
+        instances += f"{before}  {cell.name} {memory} (\n    .clk(clk){nets}\n  );\n"
     joined = "".join(lines)
     last = joined.rindex("endmodule")
     # An escaped name ends with a space
@@ -164,6 +178,13 @@ class Hierarchy:
         self.inside = {
             name: {instance.strip().lstrip("\\"): kind for kind, instance in re.findall(
                 rf"(?m)^  ({kinds}) (\\?\S+) *\($", text)} for name, text in texts.items()}
+
+    def module(self, path: str) -> str:
+        """The innermost module that holds the instance or pin at this path."""
+        module = self.top
+        for part in path.split("/"):
+            module = self.inside.get(module, {}).get(part.lstrip("\\"), module)
+        return module
 
     def unit(self, path: str) -> str:
         """The innermost unit that holds the instance or pin at this path; the machine's own name if it is in no other."""
@@ -226,15 +247,19 @@ class Written:
     hierarchy: Hierarchy
 
 
-def write_machine(design: Design, parts: Mapping[str, dict], corner: Corner, folder: Path) -> Written:
-    """Write to `folder` what OpenSTA reads of a machine."""
+def write_machine(
+    design: Design, parts: Mapping[str, dict], corner: Corner, folder: Path, held: Mapping[MemoryPort, int] | None = None,
+) -> Written:
+    """Write to `folder` what OpenSTA reads of a machine. `held`: buffers in a row before ports to memories (`synth.hold`)."""
     folder.mkdir(parents=True, exist_ok=True)
     paths, texts, cells = [], {}, {}
     for name in design.texts:
         text = Path(parts[name]["netlist"]).read_text()
         memories = memory_cells(parts[name]["stores"], text)
         cells |= {cell.name: cell for cell in memories.values()}
-        texts[name] = with_memories(text, memories).replace(f".rst({RESET_NET})", ".rst(rst)")
+        inside = {port: count for (module, port), count in (held or {}).items() if module == name}
+        whole = with_memories(text, memories, inside, corner.technology.broadcast_buffer)
+        texts[name] = whole.replace(f".rst({RESET_NET})", ".rst(rst)")
         path = Path(parts[name]["netlist"])
         if texts[name] != text:
             path = folder / f"{name}.v"
@@ -247,17 +272,17 @@ def write_machine(design: Design, parts: Mapping[str, dict], corner: Corner, fol
 
 def time_machine(
     design: Design, parts: Mapping[str, dict], corner: Corner, folder: Path, clock_ps: float = 1000.0,
-    uncertainty: float = UNCERTAINTY,
+    uncertainty: float = UNCERTAINTY, held: Mapping[MemoryPort, int] | None = None,
 ) -> LinkedTiming:
     """The timing of the linked machine; scripts, paths and reports stay in `folder`.
 
-    `parts`: the `module_result` of each module of the design.
+    `parts`: the `module_result` of each module of the design. `held`: buffers in a row before ports to memories.
 
     Raises:
         InputError: OpenSTA or liberty files are missing.
     """
     check()
-    written = write_machine(design, parts, corner, folder)
+    written = write_machine(design, parts, corner, folder, held)
     library = corner.liberty(folder.parent)
     commands = "\n".join([
         f"read_liberty {library}", f"read_liberty {written.library}",
@@ -294,8 +319,15 @@ def read_timing(output: str, written: Written, corner: Corner, clock_ps: float, 
         corner.name, clock_ps, uncertainty, round(float(slack[-1]) * unit_ps, 1), sum(value < 0 for value in negative),
         tuple(pairs(late, written.hierarchy, unit_ps)), round(sum(value for value in negative if value < 0), 1),
         round(min(holds, default=0.0) * unit_ps, 1), len(ends),
-        sum(re.search(r"memory\d+/", line.split("\t")[2]) is not None for line in ends),
-        len(nets), min(nets.values(), default=None), sum(pin.rpartition("/")[2] == gates for pin in bad), report)
+        sum(_MEMORY_PIN.search(line.split("\t")[2]) is not None for line in ends),
+        len(nets), min(nets.values(), default=None), sum(pin.rpartition("/")[2] == gates for pin in bad), report,
+        tuple(sorted(early_ports((line.split("\t")[2] for line in ends), written.hierarchy))))
+
+
+def early_ports(pins: Iterable[str], hierarchy: Hierarchy) -> set[MemoryPort]:
+    """The ports to memories among the pins that miss hold."""
+    found = ((pin, _MEMORY_PIN.search(pin)) for pin in pins)
+    return {(hierarchy.module(pin), f"{memory[1]}_{memory[2]}") for pin, memory in found if memory}
 
 
 def _paths(text: str) -> list[str]:

@@ -23,6 +23,8 @@ from synth.area import mapped
 from synth.budget import Late, graph, late
 from synth.corners import CORNERS, UNCERTAINTY, corner
 from synth.design import Design
+from synth.discover import read_cells
+from synth.hold import ROUNDS, MemoryPort, added, more
 from synth.interfaces import Interface, interface_of, interfaced, measured, source_hash
 from synth.linked import LinkedTiming, check, time_machine, write_machine
 from synth.loads import Overload, memory_pins, overloads, pins_of
@@ -52,6 +54,8 @@ class WholeTiming:
         overloads: nets that are loaded beyond their driver's limit, the worst first.
         mapped_ps: the clock for which the modules were mapped; 0 where nothing is linked.
         logic_um2: area of all cells.
+        hold_buffers: those of the cells that were put before memories' pins against misses of hold.
+        hold_um2: their area, which is in no other report.
     """
 
     config: str
@@ -64,6 +68,8 @@ class WholeTiming:
     overloads: tuple[Overload, ...] = ()
     mapped_ps: float = 0.0
     logic_um2: float = 0.0
+    hold_buffers: int = 0
+    hold_um2: float = 0.0
 
 
 def time_config(
@@ -83,19 +89,43 @@ def time_config(
     wanted = [corner(name) for name in corners]
     settings = Settings("asap7", clock_ps * (1 - uncertainty), folder, runs=runs)
     design, parts = mapped(config, settings, jobs, progress)
-    linked: dict[str, LinkedTiming] = {}
-    for one in wanted:
-        progress(f"{config.name}: linking and timing the machine, {one.name}")
-        linked[one.name] = time_machine(design, parts, one, folder / f"machine-{config.name}", clock_ps, uncertainty)
-    written = write_machine(design, parts, wanted[0], folder / f"machine-{config.name}")
-    cells = pins_of(wanted[0].liberty(folder)) | memory_pins(written.cells)
-    loaded = overloads((read(path) for path in written.netlists), cells)
+    place = folder / f"machine-{config.name}"
+
+    def time(held: Mapping[MemoryPort, int]) -> dict[str, LinkedTiming]:
+        progress(f"{config.name}: linking and timing the machine"
+                 f"{f', with buffers before {len(held)} ports to memories' if held else ''}")
+        return {one.name: time_machine(design, parts, one, place, clock_ps, uncertainty, held) for one in wanted}
+
+    linked, held = without_early_ports(time)
+    written = write_machine(design, parts, wanted[0], place, held)
     counts = design.counts()
+    cells = pins_of(wanted[0].liberty(folder)) | memory_pins(written.cells)
+    netlists = [read(path) for path in written.netlists]
+    loaded = overloads(netlists, cells)
+    put, buffer = added(netlists, counts), wanted[0].technology.broadcast_buffer[0]
+    areas = {cell.name: cell.area for cell in read_cells(wanted[0].liberty(folder))[1]}
     ports = _interfaces(design, interfaced(design), parts, folder / f"interfaces-{config.name}", progress) if interfaces else {}
     return WholeTiming(
         config.name, linked, ports, _sources(config), len(design.texts), counts.total(),
-        sum(counts[name] * sum(part["cells_by_type"].values()) for name, part in parts.items()), tuple(loaded),
-        settings.clock_ps, sum(counts[name] * part["area"] for name, part in parts.items()))
+        put + sum(counts[name] * sum(part["cells_by_type"].values()) for name, part in parts.items()), tuple(loaded),
+        settings.clock_ps, sum(counts[name] * part["area"] for name, part in parts.items()), put,
+        round(put * areas.get(buffer, 0.0), 1))
+
+
+def without_early_ports(
+    time: Callable[[Mapping[MemoryPort, int]], dict[str, LinkedTiming]],
+) -> tuple[dict[str, LinkedTiming], dict[MemoryPort, int]]:
+    """The timing of a machine at each corner, with as many buffers as keep the pins of its memories from being too early, and
+    these buffers. `time` gives the timing with such buffers."""
+    held: dict[MemoryPort, int] = {}
+    linked = time(held)
+    for _ in range(ROUNDS):
+        early = {port for one in linked.values() for port in one.early}
+        if not early:
+            break
+        held = more(held, early)
+        linked = time(held)
+    return linked, held
 
 
 def time_ports(

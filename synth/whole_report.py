@@ -18,7 +18,7 @@ SHOWN_PAIRS = 25
 def of_corner(found: LinkedTiming) -> dict[str, object]:
     """The numbers of one corner, without the text of the worst path."""
     kept = asdict(found)
-    del kept["path"], kept["corner"]
+    del kept["path"], kept["corner"], kept["early"]
     return {"slack_ps": kept.pop("slack_ps"), "late_endpoints": kept.pop("late_endpoints"), "ghz": round(found.ghz, 4),
             "zero_slack_ps": round(found.zero_slack_ps, 1), **kept}
 
@@ -27,6 +27,7 @@ def summary(found: WholeTiming) -> dict[str, object]:
     """The numbers of a machine at all corners."""
     return {"modules": found.modules, "instances": found.instances, "cells": found.cells,
             "mapped_ps": found.mapped_ps, "logic_um2": round(found.logic_um2, 1),
+            "hold_buffers": found.hold_buffers, "hold_um2": found.hold_um2,
             "overloaded_nets": len(found.overloads), "overloads": [asdict(one) for one in found.overloads[:SHOWN_PAIRS]],
             **{name: of_corner(one) for name, one in found.linked.items()}}
 

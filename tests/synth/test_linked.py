@@ -3,6 +3,9 @@ slack is known by hand."""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,10 +13,22 @@ import pytest
 from spec.errors import InputError
 from synth import linked, timing
 from synth.corners import CORNERS, corner
-from synth.linked import Hierarchy, Written, memory_cells, pairs, read_timing, time_machine, with_memories, zero_slack_ps
+from synth.hold import MemoryPort, added
+from synth.linked import (
+    Hierarchy,
+    LinkedTiming,
+    Written,
+    memory_cells,
+    pairs,
+    read_timing,
+    time_machine,
+    with_memories,
+    zero_slack_ps,
+)
 from synth.machine import TOP
 from synth.macro_timing import liberty
 from synth.netlist import parse
+from synth.whole import without_early_ports
 from tests.helpers.small_machine import CLOCK_PS, STORES, netlists, small_machine
 
 needs_sta = pytest.mark.skipif(not timing.available(), reason=linked.INSTALL)
@@ -116,3 +131,35 @@ def test_the_library_of_memories_has_a_bus_for_each_pin() -> None:
     assert "bus (rd_data) { bus_type : bits8; direction : output" in text
     access = cells[0].timing.access_ps
     assert f'cell_rise (scalar) {{ values ("{2 * access:.1f}")' in text
+
+
+def test_buffers_stand_before_a_memorys_pin() -> None:
+    text = netlists()[READER]
+    cells = memory_cells(STORES, text)
+    found = parse(with_memories(text, cells, {"memory0_rd_addr": 2}, ("BUF", "A", "Y")))
+    chain = [instance for instance in found.instances if instance.name.startswith("hold_")]
+    assert len(chain) == 2 * 3 and {instance.kind for instance in chain} == {"BUF"}
+    by_output = {instance.pins["Y"][0]: instance.pins["A"][0] for instance in chain}
+    memory = next(instance for instance in found.instances if instance.name == "memory0")
+    for bit, net in enumerate(memory.pins["rd_addr"]):
+        assert by_output[by_output[net]] == f"memory0_rd_addr[{bit}]"
+    assert added([found], Counter({READER: 5})) == 5 * 6
+
+
+@needs_sta
+def test_a_pin_that_is_too_early_is_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The address comes from registers after 40 ps, and a buffer takes 10: a hold of 65 ps needs three of them."""
+    real = linked.memory_timing
+    monkeypatch.setattr(linked, "memory_timing", lambda memory: replace(real(memory), hold_ps=65.0))
+    design, parts, where = small_machine(tmp_path)
+    where = replace(where, technology=replace(where.technology, broadcast_buffer=("BUF", "A", "Y")))
+
+    def time(held: Mapping[MemoryPort, int]) -> dict[str, LinkedTiming]:
+        return {where.name: time_machine(design, parts, where, tmp_path / "machine", CLOCK_PS, 0.1, held)}
+
+    before = time({})[where.name]
+    assert before.hold_slack_ps == -25.0 and before.early == ((READER, "memory0_rd_addr"),) and before.hold_at_memories == 3
+    found, held = without_early_ports(time)
+    assert held == {(READER, "memory0_rd_addr"): 3}
+    assert (found[where.name].hold_endpoints, found[where.name].early) == (0, ())
+    assert found[where.name].pairs[0].slack_ps == -46.0 - 30.0  # the same way is the memory's late one

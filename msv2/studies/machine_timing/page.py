@@ -45,7 +45,15 @@ def _summary(report: Mapping) -> str:
 
 def _machine(name: str, machine: Mapping) -> str:
     return (f"Commit {machine['commit']}, at most {machine['runs']} runs of a module: {machine['modules']} modules, "
-            f"{machine['instances']:,} instances, {machine['cells']:,} cells.")
+            f"{machine['instances']:,} instances, {machine['cells']:,} cells." + _held(machine))
+
+
+def _held(machine: Mapping) -> str:
+    """What was added against misses of hold."""
+    if not machine.get("hold_buffers"):
+        return ""
+    return (f" {machine['hold_buffers']:,} of the cells are buffers before memories' pins that would change too soon after the "
+            f"clock ({machine['hold_um2']:,.1f} um2, in no other report).")
 
 
 def _measured_later(machine: Mapping) -> list[str]:
