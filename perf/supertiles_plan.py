@@ -170,7 +170,8 @@ def visit_plan(trace: SuperTrace, config: AcceleratorConfig) -> VisitPlan:
     else:
         here = np.flatnonzero(trace.tile_sweep >= 0)
         sweeps = 1 + int(trace.tile_sweep.max())
-        tile_at[supertile[here] + trace.supertiles // sweeps * trace.tile_sweep[here], place[here]] = here
+        sweep = trace.tile_sweep[here].astype(np.int64)
+        tile_at[supertile[here] + trace.supertiles // sweeps * sweep, place[here]] = here
     before = np.cumsum(trace.eye_places, axis=1) - trace.eye_places  # places of a pair before those of each eye
     slot = ahead[trace.pair] + before[trace.pair, tile // trace.eye_tiles]
     of_stream = []

@@ -15,7 +15,7 @@ from perf.joint_trace import joint_trace
 from perf.model import MemoryModel
 from perf.supertiles import SuperCycles, simulate_supertiles
 from perf.warp_trace import FILLED, UNWRITTEN, strip_fills, warped_trace
-from spec.config import TINY_EYES, TINY_EYES_WARP
+from spec.config import TINY_EYES, TINY_EYES_WARP, V3_EYES_WARP, AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import BEAT_BYTES, WORDS
 from tests.helpers.golden_samples import map_for, random_model, turned_view
@@ -23,12 +23,14 @@ from tests.helpers.golden_samples import map_for, random_model, turned_view
 FAST = MemoryModel(latency=20, bytes_per_cycle=None)
 
 
-def frame_of(seed: int = 0, size: tuple[int, int] = (300, 90), sh: int = 1, **options) -> WarpedJointFrame:
+def frame_of(
+    seed: int = 0, size: tuple[int, int] = (300, 90), sh: int = 1, config: AcceleratorConfig = TINY_EYES_WARP, **options,
+) -> WarpedJointFrame:
     rng = np.random.default_rng(seed)
     camera = turned_view(*size)
     model = random_model(rng, 500, levels=4, sh=sh)
     return render_warped_joint(
-        model, stereo_pair(camera, source_eye=("left", "right")[seed % 2]), config=TINY_EYES_WARP,
+        model, stereo_pair(camera, source_eye=("left", "right")[seed % 2]), config=config,
         foveation=map_for(camera, (0.2, 0.6), 4), **{"threshold_deg": 20.0, **options})
 
 
@@ -107,6 +109,12 @@ def test_every_eye_and_memory_ends(seed):
     frame = frame_of(seed, (140, 70), sh=0)
     for memory in (MemoryModel(kind="lpddr3"), MemoryModel()):
         assert cycles(frame, memory).stages["pixel_write"].busy
+
+
+def test_frames_of_more_super_tiles_than_a_byte_counts():
+    found = frame_of(size=(1030, 530), sh=0, config=V3_EYES_WARP)
+    assert found.joint.grids[0].supertile.max() > 127
+    assert cycles(found).again == found.again > 0
 
 
 def test_four_streams():
