@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -55,28 +56,37 @@ class Case:
         """The golden results of a frame, in joint frames for the source."""
         return judged_chunks(self.config, self.frames[frame], self.gaussians, self.registers, self.rendered)
 
-    def read(self, frame: int) -> np.ndarray:
-        """(C,) bool: whether each chunk of a frame is read, which in joint frames either eye decides."""
-        read = self.judged(frame).read
+    @cached_property
+    def read(self) -> list[np.ndarray]:
+        """(C,) bool for each frame: whether each chunk is read, which in joint frames either eye decides."""
+        read = [self.judged(frame).read for frame in range(len(self.frames))]
         if self.target is None:
             return read
-        return read | judged_chunks(self.config, self.frames[frame], self.gaussians, self.target).read
+        return [found | judged_chunks(self.config, headers, self.gaussians, self.target).read
+                for found, headers in zip(read, self.frames, strict=True)]
+
+    @property
+    def ending(self) -> np.ndarray:
+        """(1,) what stands in the fields of an item with `end`, which mean nothing: a chunk that would be read, if there is
+        one, so that a unit that counts it is wrong."""
+        headers, read = np.concatenate(self.frames), np.concatenate(self.read)
+        return np.concatenate([headers[read], headers, np.zeros(1, headers.dtype)])[:1]
 
     @property
     def items(self) -> np.ndarray:
         """The HeaderItem items of all frames."""
-        return np.concatenate([header_items(self.config, headers) for headers in self.frames])
+        return np.concatenate([header_items(self.config, headers, self.ending) for headers in self.frames])
 
     @property
     def tested(self) -> np.ndarray:
         """The items that must leave the unit."""
-        return np.concatenate([
-            header_items(self.config, headers, self.read(i)) for i, headers in enumerate(self.frames)])
+        return np.concatenate([header_items(self.config, headers, self.ending, read)
+                               for headers, read in zip(self.frames, self.read, strict=True)])
 
     @property
     def observed(self) -> dict[str, int]:
         """The counters after the last frame."""
-        read = self.read(-1)
+        read = self.read[-1]
         return {"chunks_read": int(read.sum()), "chunks_skipped": int((~read).sum())}
 
     @property
@@ -98,12 +108,16 @@ class Case:
         return found
 
 
-def header_items(config: AcceleratorConfig, headers: np.ndarray, kept: np.ndarray | None = None) -> np.ndarray:
-    """The items of those headers of a frame that are `kept`, (N,) bool, or of all; the last one is the frame's `end`."""
+def header_items(
+    config: AcceleratorConfig, headers: np.ndarray, ending: np.ndarray, kept: np.ndarray | None = None,
+) -> np.ndarray:
+    """The items of those headers of a frame that are `kept`, (N,) bool, or of all; the last one is the frame's `end`, whose
+    other fields are those of `ending`, (1,)."""
     numbers = np.arange(len(headers)) if kept is None else np.flatnonzero(kept)
     items = np.zeros(len(numbers) + 1, header_item(config).dtype)
     for name in headers.dtype.names:
         items[name][:-1] = headers[name][numbers]
+        items[name][-1:] = ending[name]
     if config.supertiles:
         items["number"][:-1] = numbers
     items["end"][-1] = 1
@@ -265,6 +279,32 @@ def model_case(config: AcceleratorConfig, rng: np.random.Generator, count: int) 
     words = quantise_model(config, cloud(rng, count))
     return replace(case_of(config, rng, "seen", 1), name=f"model of {count}", frames=(words.chunks,),
                    gaussians=len(words.geometry))
+
+
+def sharp_case(config: AcceleratorConfig, rng: np.random.Generator, size: tuple[int, int], count: int) -> Case:
+    """A frame of boxes at positions where the smallest step of `low` decides whether the chunk is read: pairs of headers, the
+    first of which is read, the second not. The boundary is that of the frame, of a level, or the near plane."""
+    case, to = replace(case_of(config, rng, "seen", 1, size), rendered=None), config.formats.position
+    parts, most = [], (1 << INDEX_BITS) - 1
+
+    def read(headers: np.ndarray) -> np.ndarray:
+        return judged_chunks(config, headers, most, case.registers).read
+
+    while sum(map(len, parts)) < count:
+        inner, outer = (seen(config, rng, case.registers, 4 * count, 0.1) for _ in range(2))
+        for name in inner.dtype.names:
+            if name != "low":
+                outer[name] = inner[name]
+        chosen = read(inner) & ~read(outer)
+        inner, outer = inner[chosen], outer[chosen]
+        for _ in range(to.sig_bits + 8):
+            middle = outer.copy()
+            middle["low"] = to.quantise((to.to_float(inner["low"]) + to.to_float(outer["low"])) / 2)
+            inside = read(middle)
+            inner["low"][inside], outer["low"][~inside] = middle["low"][inside], middle["low"][~inside]
+        parts.append(np.stack([inner, outer], 1).reshape(-1))
+    headers = np.concatenate(parts)[:count]
+    return replace(case, name=f"where an ulp decides, {size[0]}x{size[1]}", frames=(headers,), gaussians=most)
 
 
 def uniform_case(config: AcceleratorConfig, rng: np.random.Generator, read: bool, count: int) -> Case:

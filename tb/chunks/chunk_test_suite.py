@@ -21,6 +21,7 @@ from tb.chunks.chunk_test_stimuli import (
     for_two_eyes,
     mixed_case,
     model_case,
+    sharp_case,
     uniform_case,
 )
 from tb.common import exact
@@ -84,13 +85,21 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     streams = mixed_case(config, rng, "streams", [40, 0, 1, 130, 0, 0, 60])
     for name, patterns in every_pattern(PORTS, seed).items():
         plan.append(plan_of(streams, name, patterns=patterns, reset=False))
+    plan.append(plan_of(replace(streams, name="an empty frame comes last", frames=(*streams.frames, streams.frames[1]))))
     for cycles in (3, 60, 200, 900):
         plan.append(plan_of(mixed_case(config, rng, f"cut off after {cycles} cycles", [1000]), abort=cycles))
         plan.append(plan_of(streams, f"frames after a reset at {cycles}"))
     for k in range(3):
         case = mixed_case(config, rng, f"back to back {k}", [70, 3, 150])
         plan.append(plan_of(case, reset=False, quiet=0, most_cycles=most_cycles(case)))
-    return plan + (joint_plan(config, seed) if config.joint else [])
+    return [*plan, *sharp_plan(config, seed), *(joint_plan(config, seed) if config.joint else [])]
+
+
+def sharp_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
+    """Boxes whose fate depends on their last bit, in frames of every size: in small ones most of them lie at a corner."""
+    rng, widest = np.random.default_rng((seed, 1)), config.row_width
+    sizes = (40, 40), (70, 50), (130, 90), (widest // 2, widest // 3), (widest, min(widest, 1080)), (widest, widest)
+    return [plan_of(sharp_case(config, rng, size, 1200)) for size in sizes]
 
 
 def joint_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:

@@ -26,6 +26,7 @@ class Case:
         error: whether a beat that is read has an error.
         points: number of Gaussians that are read.
         base: the beat of the first Gaussian.
+        busy: whether the last frame's end does not come.
     """
 
     name: str
@@ -34,6 +35,7 @@ class Case:
     error: bool
     points: int
     base: int
+    busy: bool = False
 
 
 def _wide_geometry(config: AcceleratorConfig, rng: np.random.Generator, count: int) -> np.ndarray:
@@ -83,7 +85,7 @@ def _ending(config: AcceleratorConfig) -> np.ndarray:
 
 def case(
     config: AcceleratorConfig, rng: np.random.Generator, name: str, frames: Sequence[Sequence[int]], *, first: int = 0,
-    read: float = 1.0, bad: bool = False,
+    read: float = 1.0, bad: bool = False, ends: bool = True,
 ) -> Case:
     """Frames whose chunks have these numbers of Gaussians.
 
@@ -95,6 +97,7 @@ def case(
         first: index of the first chunk's first Gaussian.
         read: share of the chunks that are read.
         bad: whether one beat has an error.
+        ends: whether the last frame's end comes.
     """
     tested, reads, beats, points = [], [], [], []
     base = int(rng.integers(1 << BEAT_BITS - 1))
@@ -117,6 +120,8 @@ def case(
             beats.append(memory[asked])
             points.append(rows[begin - first : begin - first + count])
         points.append(_ending(config))
+    if not ends:
+        tested[-1], points[-1] = tested[-1][:-1], points[-1][:0]
     request = np.zeros(sum(map(len, reads)), read_request(config).dtype)
     answer = np.zeros(len(request), read_data(config).dtype)
     if len(request):
@@ -125,7 +130,7 @@ def case(
         answer["error"][rng.integers(0, len(request))] = bad
     wanted = np.concatenate(points)
     return Case(name, {"tested": np.concatenate(tested), "data": answer}, {"reads": request, "points": wanted}, bad,
-                int((wanted["end"] == 0).sum()), base)
+                int((wanted["end"] == 0).sum()), base, not ends)
 
 
 def boundary_cases(config: AcceleratorConfig, rng: np.random.Generator) -> list[Case]:

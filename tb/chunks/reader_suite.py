@@ -27,7 +27,7 @@ LATENCY = 130
 def plan_of(item: Case, name: str | None = None, *, delay: int = 20, frame: int = 1, **options: object) -> Planned:
     """The run that plays a case; the unit starts where `frame` changes. `options` are those of `planned`."""
     settings = {"geometry_base": item.base, "delay": delay, "frame": frame}
-    return planned(name or item.name, item.inputs, item.expected, observed={"busy": 0, "error": int(item.error)},
+    return planned(name or item.name, item.inputs, item.expected, observed={"busy": int(item.busy), "error": int(item.error)},
                    settings=settings, **options)
 
 
@@ -50,7 +50,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     for cycles in (3, 30, 200):
         plan.append(plan_of(streams, f"cut off after {cycles} cycles", abort=cycles))
         plan.append(plan_of(streams, f"frames after a reset at {cycles}"))
-    return plan
+    return [*plan, plan_of(case(config, rng, "a frame whose end does not come", [[64, 3, 5]], ends=False))]
 
 
 def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -49,19 +49,24 @@ class Bench(wiring.Component):
         m.d.comb += [getattr(unit, name).eq(getattr(self, name)) for name in self.settings if name in own]
         m.d.comb += [getattr(self, name).eq(getattr(unit, name)) for name in self.observed if name in own]
 
-    def delay_answers(self, m: Module, unit: wiring.Component, most: int, client: str = "") -> None:
+    def delay_answers(self, m: Module, unit: wiring.Component, most: int, client: str = "", *, opposite: bool = False,
+                      ) -> None:
         """Passes `data` to the unit, each item at the earliest `delay` + 1 cycles after its request left `reads`. A unit with
         several read ports has a `client` behind these names, such as "_colour".
 
         The requests go to a file, and the answers come from a file. This file can stand for the memory because the requests are
-        compared with the golden ones, so it is known in advance which beats they read. `most` is the largest `delay`.
+        compared with the golden ones, so it is known in advance which beats they read. `most` is the largest `delay`. With
+        `opposite`, data are the opposite of an answer while the memory has none: a unit must not look at them.
         """
         age, due = Signal(most + 1), Signal(16)
         reads, data, to, delay = (getattr(owner, name + client) for owner, name in (
             (self, "reads"), (self, "data"), (unit, "data"), (self, "delay")))
         left, answered = reads.valid & reads.ready, data.valid & data.ready
+        answer = data.payload.as_value()
+        if opposite:
+            answer = Mux(to.valid, answer, ~answer)
         m.d.comb += [
-            to.payload.eq(data.payload), to.valid.eq(data.valid & due.any()), data.ready.eq(to.ready & due.any()),
+            to.payload.eq(answer), to.valid.eq(data.valid & due.any()), data.ready.eq(to.ready & due.any()),
         ]
         # A request that leaves has age 0 at the next edge. Each request in flight is a bit of this shift register.
         m.d.sync += [age.eq(left << delay | age >> 1), due.eq(due + age[0] - answered)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from spec.compact import (
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS, MAX_SH_DEGREE
 from spec.formats import Fixed
+from spec.harmonics import SEED_INDEX_BITS
 from spec.memory import BEAT_BITS, BEAT_BYTES, WORDS, colour_beats, read_data, read_request, splat_record, write_request
 from spec.packing import pack
 from spec.records import INDEX_BITS, Record, gaussian_colour, surviving_splat
@@ -261,6 +262,36 @@ def fine_case(config: AcceleratorConfig, seed: int, sh_degree: int, count: int) 
     records["dc"] = rng.integers(1 << n.sh_dc.frac_bits - 1, 3 << n.sh_dc.frac_bits - 1, records["dc"].shape)
     if sh_degree:
         records["rest"] = rng.integers(n.sh_rest.raw_min, n.sh_rest.raw_max + 1, records["rest"].shape)
+    return case
+
+
+def _beside_steps(config: AcceleratorConfig, rng: np.random.Generator, count: int) -> np.ndarray:
+    """(2 * count, 3) raw offsets whose squared lengths, as the unit rounds them, lie just beside a step of the table from which
+    the unit takes roots; half of the steps are powers of two, where the unit scales the number."""
+    view, one = config.formats.view, 1 << config.formats.sh_basis.frac_bits
+    offset = view.quantise(rng.normal(size=(400_000, 3)) * 2.0 ** rng.integers(-8, 9, (400_000, 1)))
+    exact = np.abs(view.to_float(offset))
+    aligned = np.trunc(np.ldexp(exact, 1 - np.frexp(exact.max(axis=1))[1][:, None]) * one)
+    length = np.floor(aligned**2 / one + 0.5).sum(axis=1).astype(np.int64)
+    octaves = one << np.arange(4)
+    found = []
+    for steps in (octaves, (octaves + (octaves >> SEED_INDEX_BITS) * np.arange(1 << SEED_INDEX_BITS)[:, None]).T.reshape(-1)):
+        after = np.searchsorted(steps, length, side="right")
+        near = (length - steps[np.maximum(after - 1, 0)] < 5) | (np.append(steps, 16 * one)[after] - length < 5)
+        found.append(offset[near & (length > octaves[0] + 5)][:count])
+    return np.concatenate(found)
+
+
+def limits_case(config: AcceleratorConfig, seed: int, sh_degree: int) -> Case:
+    """`fine_case` with directions at the limits of the arithmetic: beside the steps of the root's table, and offsets of the
+    smallest numbers that the format holds."""
+    rng = np.random.default_rng((seed, sh_degree))
+    offset = _beside_steps(config, rng, 150)
+    tiny = rng.choice([-1, 1], (200, 3)) * np.ldexp(rng.uniform(1, 2, (200, 3)), config.formats.view.exp_min + rng.integers(
+        0, 16, (200, 3)))
+    offset = np.concatenate([offset, config.formats.view.quantise(tiny)])
+    case = replace(fine_case(config, seed, sh_degree, len(offset)), name=f"limits of directions, degree {sh_degree}")
+    case.frames[0]["offset"] = offset
     return case
 
 

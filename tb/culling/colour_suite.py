@@ -15,7 +15,7 @@ from tb.common.runner import Waves
 from tb.common.scenes import traced_frames, traced_size
 from tb.culling import TINY_RECORDS
 from tb.culling.colour_device import MOST_DELAY, playback
-from tb.culling.colour_stimuli import Case, extreme_case, fine_case, frame_case, random_case
+from tb.culling.colour_stimuli import Case, extreme_case, fine_case, frame_case, limits_case, random_case
 
 VARIANTS: dict[str, AcceleratorConfig] = {
     "tiny": TINY, "paper_small": PAPER_SMALL, "paper": PAPER, "tiny_records": TINY_RECORDS, "v3_records": V3_RECORDS}
@@ -47,6 +47,8 @@ def unit_plan(config: AcceleratorConfig, seed: int, sh_degree: int = 3) -> list[
         plan.append(plan_of(config, random_case(config, seed + degree, degree, [2000], name=f"many, {degree}")))
         plan.append(plan_of(config, extreme_case(config, degree)))
         plan.append(plan_of(config, fine_case(config, seed, degree, 1500)))
+        if degree:
+            plan.append(plan_of(config, limits_case(config, seed, degree)))
         frames = random_case(config, seed + degree, degree, [0, 1, 0, 0, 7, 30, 0], name=f"frames, {degree}")
         plan.append(plan_of(config, frames))
         bad = random_case(config, seed, degree, [20, 20], name=f"errors of memory, {degree}", bad=[5, 6, 17])

@@ -237,6 +237,37 @@ def case_of(
         words_of(config, edited(config, rng, name, c, count)) for _ in range(frames)), view(config, c))
 
 
+PRINCIPAL_POINTS = ((-5000.0, 2500.0), (2500.0, -9000.0), (9000.0, 5000.0), (-700.0, 12000.0), (-12000.0, -700.0))
+"""Principal points, in pixels, of cameras that see a part of a far larger image, beside its middle."""
+
+
+def part_case(config: AcceleratorConfig, rng: np.random.Generator, number: int, count: int = 100) -> Case:
+    """Ordinary points and points at the frame's edges, seen by a camera whose principal point, of this number in
+    PRINCIPAL_POINTS, lies far outside of the frame."""
+    cx, cy = PRINCIPAL_POINTS[number]
+    c = replace(camera(300, 200), cx=cx, cy=cy, fx=6000.0, fy=7000.0)
+    rows = np.concatenate([edited(config, rng, name, c, count) for name in ("ordinary", "edges of the frame")])
+    return Case(f"principal point at {cx:.0f}, {cy:.0f}", config, (words_of(config, rows),), view(config, c))
+
+
+def smallest_slant_case(config: AcceleratorConfig, rng: np.random.Generator, count: int = 6000) -> Case:
+    """Splats whose second factor of the conic is the smallest number of its format, or rounded to it, and others in which it is
+    just a little smaller or larger. They are hardly slanted, because they are very thin along the view and not turned."""
+    n, c = config.formats, camera(300, 200, turned=False)
+    rows = random_geometry(config, rng, count)
+    place(config, rows, c, rng.uniform((170, 120), (290, 190), (count, 2)), rng.uniform(1, 4, count))
+    rows["quat"], rows["log2_opacity"] = [n.quaternion.raw_max, 0, 0, 0], n.log2_opacity.quantise(0.5)
+    rows["scale"][:, 2], least = n.scale.quantise(2.0 ** -rng.uniform(24, 26, count)), n.conic.min
+
+    def slants() -> np.ndarray:
+        return np.abs(project(config, words_of(config, rows), view(config, c)).conic[:, 1])
+
+    thinner = np.sqrt(least / np.maximum(slants(), least))
+    rows["scale"][:, 2] = n.scale.quantise(n.scale.to_float(rows["scale"][:, 2]) * thinner)
+    chosen = (slants() == least) | (np.arange(count) < 100)
+    return Case("smallest slants", config, (words_of(config, rows[chosen]),), view(config, c))
+
+
 def edited(config: AcceleratorConfig, rng: np.random.Generator, name: str, c: Camera, count: int) -> np.ndarray:
     """Visible points, changed by the edit of this name."""
     rows = random_geometry(config, rng, count)

@@ -13,12 +13,13 @@ from spec.memory import frame_settings
 from spec.records import gaussian_point, projected_splat
 from tb.common import exact
 from tb.common.emission import emitted
-from tb.common.exact import Outcome, Planned, every_pattern, planned
+from tb.common.exact import Outcome, Planned, backpressure, every_pattern, planned
 from tb.common.playback import Playback, Stream
 from tb.common.scenes import traced_frames, traced_size
 from tb.culling import TINY_RECORDS
 from tb.culling.projection_stimuli import (
     EDITS,
+    PRINCIPAL_POINTS,
     REASONS,
     SETTINGS,
     Case,
@@ -26,7 +27,9 @@ from tb.culling.projection_stimuli import (
     guard_band_case,
     guard_band_ends,
     mixed_case,
+    part_case,
     shortened,
+    smallest_slant_case,
     traced_case,
     uniform_case,
 )
@@ -99,6 +102,11 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     for k in range(3):
         case = mixed_case(config, rng, f"back to back {k}", [70, 3, 150])
         plan.append(plan_of(case, reset=False, quiet=0, most_cycles=most_cycles(case)))
+    plan += [plan_of(part_case(config, rng, number)) for number in range(len(PRINCIPAL_POINTS))]
+    plan.append(plan_of(smallest_slant_case(config, rng)))
+    full = uniform_case(config, rng, "visible", _RATE_POINTS)
+    for name, patterns in backpressure(PORTS[:1], PORTS[1:], seed).items():
+        plan.append(plan_of(full, name, patterns=patterns, reset=False))
     return plan
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -128,6 +129,9 @@ class Case:
 def _factors(rng: np.random.Generator, count: int, shape: str) -> np.ndarray:
     """(count, 3) Cholesky factors. The narrowest footprint that projection produces has EXPONENT_SCALE / sqrt(LOW_PASS)."""
     most = EXPONENT_SCALE / np.sqrt(LOW_PASS)
+    if shape == "slanted":  # so far that the leftmost point lies just beside the upper or the lower end
+        l1, l2, l3 = most * 2.0 ** -rng.uniform([[0], [0], [5]], [[2], [0.5], [6.5]], (3, count))
+        return np.stack([l1, l2 * rng.choice([-1, 1], count), l3], 1)
     size = {"dots": (0, 1), "discs": (2, 6), "needles": (0, 9), "giants": (7, 14), "extremes": (0, 62)}[shape]
     l1, l3 = most * 2.0 ** -rng.uniform(*size, (2, count))
     slope = rng.choice([0, 1e-6, 0.3, 1, 3, 30], count) * rng.normal(0, 1, count) * (shape != "dots")
@@ -211,14 +215,17 @@ def random_case(
     return Case(name, config, width, height, drawn, obb, tuple(rng.random(tiles[0] * tiles[1]) < part for part in share))
 
 
-def _ends(config: AcceleratorConfig, splats: np.ndarray, width: int, height: int, side: str) -> np.ndarray:
-    """(count,) first or last tile column of each splat's intersections, -1 where it has none; all tiles are at one level."""
-    tiles_x = -(-width // TILE)
-    entries = tile_test(config, splats, np.zeros((tiles_x * -(-height // TILE), 2), np.int64), width, height).entries[:-1]
-    row, column = np.searchsorted(splats["index"], entries["index"]), entries["tile"] % tiles_x
-    found = np.full(len(splats), tiles_x if side == "first" else -1)
-    (np.minimum if side == "first" else np.maximum).at(found, row, column)
-    return np.where(found == tiles_x, -1, found)
+def _ends(
+    config: AcceleratorConfig, splats: np.ndarray, width: int, height: int, side: str, *, rows: bool = False,
+) -> np.ndarray:
+    """(count,) first or last tile column, or row, of each splat's intersections, -1 where it has none; all tiles are at one
+    level."""
+    tiles_x, tiles_y = -(-width // TILE), -(-height // TILE)
+    entries = tile_test(config, splats, np.zeros((tiles_x * tiles_y, 2), np.int64), width, height).entries[:-1]
+    splat, place = np.searchsorted(splats["index"], entries["index"]), np.divmod(entries["tile"], tiles_x)[not rows]
+    found = np.full(len(splats), tiles_x + tiles_y if side == "first" else -1)
+    (np.minimum if side == "first" else np.maximum).at(found, splat, place)
+    return np.where(found == tiles_x + tiles_y, -1, found)
 
 
 def sharp_splats(
@@ -226,8 +233,9 @@ def sharp_splats(
 ) -> np.ndarray:
     """ProjectedSplat records at positions where one ulp of `mean2d` along x moves an end of the splat by one tile column.
 
-    Each splat's box is one row high. Its first or last tile column depends on the last bit of the ellipse's reach. There are
-    two records of each, one on either side of the step.
+    Each splat's box is one row high; if the shape is "slanted", it is the splat's uppermost or lowermost row. Its first or
+    last tile column depends on the last bit of the ellipse's reach. There are two records of each, one on either side of the
+    step.
     """
     splats = whole_frame(random_splats(config, rng, count, width, height, shape), width, height)
     frac = config.formats.mean2d.frac_bits
@@ -235,6 +243,9 @@ def sharp_splats(
         splats["log2_opacity"] = splats["log2_opacity"][:, :1]
     splats["mean2d"] = rng.integers(0, np.array([width, height]) << frac, (count, 2))
     row = np.clip((splats["mean2d"][:, 1] >> frac) // TILE + rng.integers(-1, 2, count), 0, (height - 1) // TILE)
+    if shape == "slanted":
+        upper, lower = (_ends(config, splats, width, height, side, rows=True) for side in ("first", "last"))
+        row = np.maximum(np.where(rng.random(count) < 0.5, upper, lower), 0)
     splats["first_y"] = splats["last_y"] = row
     sharp = []
     for side, part in (("first", splats[::2]), ("last", splats[1::2])):
@@ -251,13 +262,15 @@ def sharp_splats(
     return np.concatenate(sharp)
 
 
-def sharp_case(config: AcceleratorConfig, rng: np.random.Generator, count: int) -> Case:
-    """`sharp_splats` of every shape that has such steps, one frame each."""
+def sharp_case(
+    config: AcceleratorConfig, rng: np.random.Generator, count: int, shapes: Sequence[str] = ("dots", "discs", "needles"),
+) -> Case:
+    """`sharp_splats` of shapes, one frame each."""
     width, height = min(config.row_width, 333), min(config.row_width, 121)
     tiles = -(-width // TILE) * -(-height // TILE)
-    return Case("where an ulp decides", config, width, height, tuple(
+    return Case(f"where an ulp decides, {', '.join(shapes)}", config, width, height, tuple(
         (sharp_splats(config, rng, count, width, height, shape), np.zeros((tiles, 2), np.int64))
-        for shape in ("dots", "discs", "needles")))
+        for shape in shapes))
 
 
 def whole_frame(splats: np.ndarray, width: int, height: int) -> np.ndarray:

@@ -12,7 +12,7 @@ from spec.memory import frame_settings
 from spec.records import intersection_item, projected_splat, surviving_splat, tile_level
 from tb.common import exact
 from tb.common.emission import emitted
-from tb.common.exact import Outcome, Planned, every_pattern, planned
+from tb.common.exact import Outcome, Planned, backpressure, every_pattern, planned
 from tb.common.playback import Playback, Stream
 from tb.common.scenes import traced_frames, traced_size
 from tb.culling import TINY_RECORDS
@@ -79,6 +79,9 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
         width, height = (int(n) for n in rng.integers(1, (min(config.row_width, 700), min(config.row_width, 200))))
         case = random_case(config, rng, f"back to back {k}", width, height, 150, obb=k % 4 == 3)
         plan.append(plan_of(case, reset=False, quiet=20, most_cycles=most_cycles(case)))
+    plan.append(plan_of(sharp_case(config, rng, 3000, ("slanted",))))
+    for name, patterns in backpressure(PORTS[:2], PORTS[2:], seed).items():
+        plan.append(plan_of(random_case(config, rng, name, *size, 120, frames=3), patterns=patterns, reset=False))
     return plan
 
 

@@ -10,7 +10,7 @@ from golden.msv2_ref.frame_memory import displayed
 from golden.msv2_ref.frame_packing import PackedFrame, display_bytes, pack_frame
 from spec.config import AcceleratorConfig
 from spec.memory import BEAT_BITS, WORDS, frame_pixel, write_request
-from spec.packed import BLOCKS, ENTRIES, SLOT_BEATS
+from spec.packed import BLOCK_HEIGHT, BLOCKS, ENTRIES, SLOT_BEATS
 from tb.vrc_array.pixel_writer_stimuli import random_pixels
 
 _EVERY_WORD = (1 << WORDS) - 1
@@ -30,6 +30,26 @@ def graded_pixels(
         values = (x[..., None] * slope[0] + y[..., None] * slope[1] + noise) % 256
         raw = np.minimum((values << number.frac_bits) // 255, number.raw_max)
         out[name] = raw if count > 1 else raw[..., 0]
+    return out
+
+
+def uneven_pixels(config: AcceleratorConfig, rng: np.random.Generator, width: int, height: int) -> np.ndarray:
+    """(height, width) FramePixel records. Each row differs from the row above in its block, the first one from a single colour,
+    by nothing, a little or much, so that the rows of a block have very different sizes."""
+    n, out, blocks = config.formats, random_pixels(config, rng, width, height), -(-height // BLOCK_HEIGHT)
+    amplitude = rng.choice([1, 1, 2, 3, 8, 30, 60], (blocks, BLOCK_HEIGHT, 1, 1))
+    for name, number, count in (("colour", n.accumulator, 3), ("transmittance", n.transmittance, 1)):
+        noise = rng.integers(0, 1 << 16, (blocks, BLOCK_HEIGHT, width, count)) % amplitude
+        values = (noise.cumsum(1) % 256).reshape(-1, width, count)[:height]
+        raw = np.minimum((values << number.frac_bits) // 255, number.raw_max)
+        out[name] = raw if count > 1 else raw[..., 0]
+    return out
+
+
+def half_pixels(config: AcceleratorConfig, rng: np.random.Generator, width: int, height: int) -> np.ndarray:
+    """(height, width) FramePixel records of half of the light and half of the coverage: ties in the format for displays."""
+    n, out = config.formats, random_pixels(config, rng, width, height)
+    out["colour"], out["transmittance"] = 1 << n.accumulator.frac_bits - 1, 1 << n.transmittance.frac_bits - 1
     return out
 
 

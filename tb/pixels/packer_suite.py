@@ -17,10 +17,12 @@ from tb.common.scenes import traced_frames
 from tb.pixels.packer_device import playback
 from tb.pixels.packer_stimuli import (
     graded_pixels,
+    half_pixels,
     packed_pixels,
     packed_writes,
     shuffled_tiles,
     tile_order,
+    uneven_pixels,
     uniform_pixels,
 )
 from tb.vrc_array.pixel_writer_stimuli import every_value, random_pixels, rows_of
@@ -44,7 +46,8 @@ SETTLING = 30
 
 Maker = Callable[[AcceleratorConfig, np.random.Generator, int, int], np.ndarray]
 
-KINDS: dict[str, Maker] = {"graded": graded_pixels, "noise": random_pixels, "one colour": uniform_pixels}
+KINDS: dict[str, Maker] = {
+    "graded": graded_pixels, "noise": random_pixels, "one colour": uniform_pixels, "half": half_pixels, "uneven": uneven_pixels}
 """What frames hold."""
 
 
@@ -100,6 +103,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     plan.add("tiles in any order", graded_pixels(config, rng, 150, 50), shuffled=True)
     for name, patterns in every_pattern(PORTS, seed).items():
         plan.add(name, graded_pixels(config, rng, 75, 21), patterns=patterns, reset=False)
+        plan.add(f"{name}, noise", random_pixels(config, rng, 49, 21), patterns=patterns, reset=False)
     plan.add("a tile is missing", graded_pixels(config, rng, 37, 16), missing=1)
     for cycles in (1, 2, 3, 30, 77):
         plan.add(f"cut off after {cycles} cycles", graded_pixels(config, rng, 64, 32), abort=cycles)

@@ -25,7 +25,7 @@ from tb.common import exact
 from tb.common.emission import emitted
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.playback import Playback, Stream
-from tb.pixels.packer_stimuli import graded_pixels, packed_pixels, uniform_pixels
+from tb.pixels.packer_stimuli import graded_pixels, packed_pixels, uneven_pixels, uniform_pixels
 from tb.vrc_array.pixel_writer_stimuli import random_pixels
 
 VARIANTS: dict[str, AcceleratorConfig] = {"tiny": TINY, "default": DEFAULT}
@@ -103,6 +103,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
                              most_cycles=int(np.maximum(6, sizes.astype(int) + 3).sum()) + SETTLING))
     for name, patterns in every_pattern(PORTS, seed).items():
         plan.append(unpacked(config, name, damaged(rng, region(graded_pixels)), patterns=patterns, reset=False))
+        plan.append(unpacked(config, f"{name}, uneven rows", region(uneven_pixels), patterns=patterns, reset=False))
     plan += [unpacked(config, f"damaged {k}", damaged(rng, region(graded_pixels))) for k in range(6)]
     plan.append(unpacked(config, "errors of the memory", damaged(rng, region(graded_pixels)), failed=0.2, seed=seed))
     for cycles in (2, 9, 40):

@@ -173,6 +173,7 @@ def memory_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     plan.append(plan_of(
         config, "merged runs across the ring's end", [random_chunk(config, rng, n, "random") for n in lengths],
         beats=2 * unit * (far + 1), early=1))
+    plan += [one_way_plan(config, order) for order in ("sorted", "reversed")]
     full = ways + 3  # the number of runs of the largest group
     for runs in (0, 1, 2, 3, full - 1, full, full + 1, 2 * full):
         for rest in (0, 2 * unit - 1):
@@ -193,6 +194,16 @@ def memory_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
         config, "counters and flags kept clear", groups, bad_beat=4096, base=4096, beats=4 * unit, clear=1,
         expect={"error": 0, "spilled": 0, "overflow": 0}))
     return plan
+
+
+def one_way_plan(config: AcceleratorConfig, order: str) -> Planned:
+    """A group of many runs whose ways are merged one after another: the others wait with all the beats that they hold, and each
+    must get its beats fast enough alone. Besides a cycle for each intersection, a merge may cost most of the latency."""
+    top, ways, runs = config.sort_chunk, config.merge_ways, 80
+    group = random_chunk(config, np.random.default_rng(0), runs * top, order, 1)
+    merges = -(-(runs - 1) // (ways - 1))
+    most = len(group) + written(config, len(group)) + merges * LATENCY * 4 // 5
+    return plan_of(config, f"ways one after another, {order}", [group], latency=LATENCY, most_cycles=most)
 
 
 def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from rtl.supertiles.batch_masks import mask_places
 from spec.config import AcceleratorConfig
 from spec.constants import MAX_LEVELS, SUPER_TILES, SUPER_X
 from spec.formats import Fixed
@@ -289,3 +290,33 @@ def _one_tile(config: AcceleratorConfig) -> Case:
 
 DIRECTED: tuple[Callable[[AcceleratorConfig], Case], ...] = (_empty, _short, _boundaries, _sparse, _one_tile)
 """Cases made by hand."""
+
+
+def place_behind_word(config: AcceleratorConfig) -> Case:
+    """The places of a whole word of masks are of one tile or of two tiles, and one more place ends the batch, while these
+    masks are still to be written."""
+    size = mask_places(config)
+    sets = [1 << tile for tile in range(SUPER_TILES)]
+    sets += [1 << tile | 1 << tile + far for far in (1, 2, 4, 8) for tile in range(SUPER_TILES - far)]
+    return case_of(config, "a place behind a whole word", [Tiles([mask] * size + [EVERY & ~mask]) for mask in sets], 6)
+
+
+def few_entries(config: AcceleratorConfig) -> Case:
+    """Super-tiles of one tile in the frame, which has a whole word of masks and one place more: where the tile stops early,
+    filling takes longer than dealing."""
+    count = mask_places(config) + 1
+    return case_of(config, "filling takes longer than dealing", [
+        Tiles([1 << tile] * count, inside=1 << tile) for tile in range(SUPER_TILES) for _ in range(20)], 7)
+
+
+def one_stream(config: AcceleratorConfig, stream: int) -> Case:
+    """All places are of tiles of one stream: some fill words of masks, some have a few places in a word and in the next."""
+    size, last = mask_places(config), 1 << SUPER_TILES - 1
+    full = config.batch_places - MAX_LEVELS + 1
+    short = [EVERY if place % size < 8 else last for place in range(full)]
+    tiles = [[EVERY] * full, short] * 2
+    case = case_of(config, f"stream {stream} alone", [Tiles(masks) for masks in tiles], 8)
+    masks = np.zeros_like(case.places["mask"])
+    masks[:, stream] = np.concatenate(tiles)
+    case.places["mask"] = masks
+    return case

@@ -15,7 +15,7 @@ from golden.msv2_ref.joint import JointFrame
 from golden.msv2_ref.joint_batches import JointBatches
 from golden.msv2_ref.pipeline import Frame
 from rtl.supertiles.batch_buffer import LATENCY
-from rtl.supertiles.batch_masks import mask_places
+from rtl.supertiles.batch_masks import mask_places, mask_words
 from spec.config import TINY_EYES, TINY_V3, V3, V3_EYES, AcceleratorConfig
 from spec.constants import MAX_LEVELS, SUPER_TILES
 from spec.memory import SHIFT_BITS
@@ -35,6 +35,8 @@ from tb.supertiles.batch_stimuli import (
     Tiles,
     Visit,
     case_of,
+    few_entries,
+    place_behind_word,
     random_case,
     wanted_batches,
     wanted_visits,
@@ -91,7 +93,7 @@ class Plan:
 
     def add(
         self, case: Case, name: str | None = None, *, mode: Mode = Mode.NEVER, limit: int = 0, reset: bool = True,
-        most_cycles: int | None = None, **options: object,
+        most_cycles: int | None = None, least_rate: Mapping[str, float] | None = None, **options: object,
     ) -> None:
         """Adds the run that plays a case; further options are those of `Run`. Where tiles stop, the number of items is not
         known beforehand: the run ends when nothing has left for a while, and `problems` judges what came."""
@@ -110,19 +112,18 @@ class Plan:
         quiet = options.pop("quiet", 200 if exactly else 400)
         run = Run(name or case.name, {"supertiles": case.supertiles, "places": case.places}, counts,
                   settings_of(self._config, case, mode, limit, self._frame), reset=reset, quiet=quiet, **options)
-        self.runs.append(Planned(run, expected, observed if quiet else {}, most_cycles=most_cycles, visits=visits, mode=mode,
-                                 limit=limit))
+        self.runs.append(Planned(run, expected, observed if quiet else {}, least_rate or {}, most_cycles, visits, mode, limit))
 
 
-def most_cycles(config: AcceleratorConfig, case: Case) -> int:
-    """Cycles of a run without pauses in which no tile stops, at most.
+def most_cycles(config: AcceleratorConfig, case: Case, stream: int = 0) -> int:
+    """Cycles of a run without pauses in which no tile stops, at most; of several streams, only `stream` may have many entries.
 
     A batch is filled at a place a cycle once its half is free and the batch before it is complete. It is dealt at an item a
     cycle once it is complete and the batch before it is dealt. It is complete when the masks of its last group of places have
     moved on (`group_wait`).
     """
     dealt: Counter[int] = Counter()
-    for visit in wanted_visits(config, case):
+    for visit in wanted_visits(config, case, stream=stream):
         dealt[visit.batch] += len(visit.entries)
     filled = left = 2
     free = [0, 0]
@@ -215,7 +216,7 @@ def add_cases(plan: Plan, config: AcceleratorConfig, seed: int, ports: Sequence[
     """Adds cases by hand and at random, with every pattern of pauses at `ports`, cut off, and back to back. `plan` may be that
     of `tb.supertiles.stream_suite`, too."""
     places = config.batch_places
-    for make in DIRECTED:
+    for make in (*DIRECTED, place_behind_word):
         plan.add(make(config))
     for k in range(4):
         plan.add(random_case(config, f"random {k}", seed * 100 + k))
@@ -252,9 +253,13 @@ def _add_joint_cases(plan: Plan, config: AcceleratorConfig, seed: int, ports: Se
 
 
 def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """The cases of `add_cases`, and those of tiles that stop."""
+    """The cases of `add_cases`, one in which places must not wait, and those of tiles that stop."""
     plan = Plan(config)
     add_cases(plan, config, seed, PORTS)
+    if mask_words(config) > 1:
+        case = few_entries(config)
+        stalls = BETWEEN * len(wanted_batches(config, case)) + BETWEEN
+        plan.add(case, mode=Mode.AT_ONCE, limit=1, least_rate={"places": len(case.places) / (len(case.places) + stalls)})
     return [*plan.runs, *stop_plan(config, seed)]
 
 

@@ -122,7 +122,8 @@ def _frame_rows(
     count, start = len(frame.supertile), np.zeros(1, frame_start(config).dtype)
     start["supertile_count"], start["forget"], start["fails"] = frame.supertiles, frame.forget, frame.fails
     pairs, entries = np.zeros(count + 1, supertile_pair(config).dtype), np.zeros(count + 1, intersection_item(config).dtype)
-    pairs["index"][:-1] = rng.permutation(1 << min(INDEX_BITS, 20))[:count]
+    low = max(INDEX_BITS - 20, 0)  # bits of an index that need not be different
+    pairs["index"][:-1] = (rng.permutation(1 << INDEX_BITS - low)[:count] << low) + rng.integers(0, 1 << low, count)
     pairs["supertile"][:-1], pairs["depth_key"][:-1], pairs["end"][-1] = frame.supertile, frame.depth_key, 1
     for name in ("index", "depth_key", "end"):
         entries[name] = pairs[name]

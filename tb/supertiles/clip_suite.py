@@ -71,10 +71,11 @@ def second_phase(config: AcceleratorConfig, rng: np.random.Generator, name: str,
         splats[f"first_{axis}"] = np.maximum(inside - reach[0], 0)
         splats[f"last_{axis}"] = np.minimum(inside + reach[1], tiles - 1)
     expected = splats.copy()
-    for splat, base in zip(expected, supers[owner], strict=True):
-        for axis, size in (("x", SUPER_X), ("y", SUPER_Y)):
-            box = range(splat[f"first_{axis}"], splat[f"last_{axis}"] + 1)
-            splat[f"first_{axis}"], splat[f"last_{axis}"] = _part(box, int(base[axis]), size)
+    for axis, size in (("x", SUPER_X), ("y", SUPER_Y)):
+        first, last = f"first_{axis}", f"last_{axis}"
+        boxes, box = np.unique(np.stack([splats[first], splats[last], supers[axis][owner]]), axis=1, return_inverse=True)
+        parts = [_part(range(begin, end + 1), base, size) for begin, end, base in boxes.T.tolist()]
+        expected[first], expected[last] = np.array(parts).reshape(-1, 2)[box].T
     return planned(
         name, {"splats": splats, "supertiles": supers}, {"clipped": expected}, observed={"busy": 0},
         settings={"rendering": 1, **({"joint": 0} if config.joint else {})}, **options)
@@ -129,6 +130,7 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     full = second_phase(config, rng, "full rate, any number", many,
                         most_cycles=int(np.maximum(many, 1).sum()) + _SETTLING)
     plan.append(second_phase(config, rng, "many pairs", [9000, 1, 4097, 700]))
+    plan.append(second_phase(config, rng, "a number of pairs of 18 bits", [(1 << 17) + 4, 3]))
     plan += [full, second_phase(config, rng, "after empty ones", [0] * 30 + [2] + [0] * 7 + [5, 0])]
     for name, patterns in every_pattern(PORTS, seed).items():
         plan.append(second_phase(config, rng, name, rng.choice([0, 1, 2, 9], 40), patterns=patterns, reset=False))

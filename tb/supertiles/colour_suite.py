@@ -23,7 +23,7 @@ from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.playback import Playback, Stream
 from tb.common.runner import Waves
 from tb.common.scenes import traced_frames, traced_size
-from tb.culling.colour_stimuli import Case, fine_case
+from tb.culling.colour_stimuli import Case, fine_case, limits_case
 from tb.supertiles.colour_stimuli import (
     USED,
     JointCase,
@@ -122,6 +122,8 @@ def unit_plan(config: AcceleratorConfig, seed: int, sh_degree: int = 3) -> list[
         plan.append(plan_of(config, random_case(config, seed + degree, degree, 150)))
         plan.append(plan_of(config, extreme_case(config, degree)))
         plan.append(plan_of(config, fine_case(config, seed, degree, 1000)))
+        if degree:
+            plan.append(plan_of(config, limits_case(config, seed, degree)))
         case = random_case(config, seed, degree, 40)
         for name, patterns in every_pattern(PORTS, seed).items():
             plan.append(plan_of(config, case, f"{name}, degree {degree}", patterns=patterns, reset=False))

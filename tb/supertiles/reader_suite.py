@@ -147,7 +147,7 @@ class ReaderBench(Bench):
         m = Module()
         m.submodules.unit = unit = self._unit
         self.join(m, unit, apart=("data",))
-        self.delay_answers(m, unit, MOST_DELAY)
+        self.delay_answers(m, unit, MOST_DELAY, opposite=True)
         return m
 
 
@@ -177,6 +177,10 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     for width, height in ((1, 1), (wide, high), (wide + 1, high + 1), (wide - TILE, high - TILE), (2 * wide - TILE + 1, TILE),
                           (2 * wide, 3 * high - TILE), (3 * TILE, 5 * high + 1), (side, side - 3)):
         plan.append(plan_of(config, random_case(config, rng, f"{width} by {height}", width, height)))
+    for columns in range(1, SUPER_X + 1):
+        width = wide + columns * TILE - columns
+        case = random_case(config, rng, f"{columns} tiles across in a row's last super-tile", width, high, frames=1)
+        plan.append(plan_of(config, case, reset=False))
     plan.append(plan_of(config, random_case(config, rng, "lists without end", 200, 100, lists=12)))
     plan.append(plan_of(config, random_case(config, rng, "errors of memory", 300, 100, bad=(9,)), delay=3))
     plan.append(plan_of(config, random_case(config, rng, "no errors", 300, 100)))

@@ -17,7 +17,7 @@ from tb.common.player import Recording, Run
 from tb.common.runner import Waves
 from tb.supertiles import batch_suite
 from tb.supertiles.batch_device import Mode, playback
-from tb.supertiles.batch_stimuli import EVERY, Case, Tiles, case_of, random_case, wanted_batches, wanted_visits
+from tb.supertiles.batch_stimuli import EVERY, Case, Tiles, case_of, one_stream, random_case, wanted_batches, wanted_visits
 from tb.supertiles.batch_suite import MOST_ENTRIES
 
 VARIANTS: dict[str, AcceleratorConfig] = {
@@ -54,9 +54,9 @@ class Plan:
 
     def add(
         self, case: Case, name: str | None = None, *, mode: Mode = Mode.NEVER, limit: int = 0, reset: bool = True,
-        **options: object,
+        most_cycles: int | None = None, **options: object,
     ) -> None:
-        """Adds the run that plays a case, as `batch_suite.Plan.add` does."""
+        """Adds the run that plays a case, as `batch_suite.Plan.add` does; `most_cycles` is that of the whole run."""
         self._frame = (self._frame + 1) % 256
         first = 0 if reset else self._sequence
         self._sequence = (first + len(case.supertiles) // case.eyes) % (1 << SEQUENCE_BITS)
@@ -72,7 +72,8 @@ class Plan:
         observed = {"batches": len(wanted_batches(self._config, case)), "busy": 0}
         streams = [batch_suite.Planned(
             run, {"visits": wanted[f"visits_{q}"], "entries": wanted[f"entries_{q}"]} if exactly else {},
-            observed if quiet else {}, visits=visits, mode=mode, limit=limit) for q, visits in enumerate(every)]
+            observed if quiet else {}, most_cycles=most_cycles, visits=visits, mode=mode, limit=limit)
+            for q, visits in enumerate(every)]
         self.runs.append(Planned(run, {}, streams=streams))
 
 
@@ -93,6 +94,9 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     """The cases of `batch_suite.add_cases`, and those of regions that stop."""
     plan, places = Plan(config), config.batch_places
     batch_suite.add_cases(plan, config, seed, PORTS)
+    for stream in range(config.streams):
+        case = one_stream(config, stream)
+        plan.add(case, most_cycles=batch_suite.most_cycles(config, case, stream))
     dense = case_of(config, "dense", [
         Tiles([EVERY] * places * 3), Tiles([1] * places * 3, inside=1), Tiles([]), Tiles([0x8001] * places * 2)], seed)
     for mode in (Mode.AT_ONCE, Mode.AT_END, Mode.LATE):

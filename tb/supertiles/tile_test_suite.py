@@ -8,8 +8,9 @@ from spec.config import TINY_EYES, TINY_STREAMS, TINY_V3, V3, V3_EYES, V3_STREAM
 from spec.constants import TILE
 from spec.joint import SHIFT_MOST
 from spec.queues import LINES_AHEAD
+from spec.records import frame_supertiles
 from tb.common import exact
-from tb.common.exact import Outcome, Planned, every_pattern, planned
+from tb.common.exact import Outcome, Planned, backpressure, every_pattern, planned
 from tb.common.scenes import traced_frames, traced_size
 from tb.culling.tile_test_stimuli import (
     SHAPES,
@@ -52,8 +53,10 @@ def joint_plan_of(case: JointSuperCase, name: str | None = None, **options: obje
 
 
 def most_cycles(case: SuperCase) -> int:
-    """Most cycles of a case at full rate."""
-    return sum(len(levels) + first + second + 2 * _SETTLING
+    """Most cycles of a case at full rate. While the levels of the tiles come, a machine with joint frames clears its memory of
+    the super-tiles that the source has (`rtl.supertiles.pair_union`)."""
+    cleared = frame_supertiles(case.config) if case.config.joint else 0
+    return sum(max(len(levels), cleared) + first + second + 2 * _SETTLING
                for (_, levels), (first, second) in zip(case.base.frames, case.cycles(), strict=True))
 
 
@@ -89,6 +92,9 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     plan.append(timed(wide_case(config, rng, rows, "rate of wide splats"), reset=False))
     first = SuperCase(case.base, again=False)
     plan += [plan_of(first, "no second phase"), plan_of(case, "a second phase after none", reset=False)]
+    plan.append(plan_of(of(sharp_case(config, rng, 1500, ("slanted",)))))
+    for name, patterns in backpressure(PORTS[:2], PORTS[2:], seed).items():
+        plan.append(plan_of(of(random_case(config, rng, name, *size, 60, frames=3)), patterns=patterns, reset=False))
     return plan + (joint_plan(config, seed) if config.joint else [])
 
 

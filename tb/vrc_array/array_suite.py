@@ -10,7 +10,7 @@ import numpy as np
 from spec.config import PAPER, PAPER_SMALL, SHORT_FORMATS, TINY, AcceleratorConfig
 from tb.common import exact
 from tb.common.exact import Outcome, every_pattern
-from tb.common.patterns import Pattern
+from tb.common.patterns import PERIOD, Pattern
 from tb.common.player import Recording
 from tb.common.runner import Waves
 from tb.vrc_array.array_check import golden_pixels, problems, run_of
@@ -38,14 +38,17 @@ PORTS = ("tiles", "entries", "pixels")
 
 @dataclass(frozen=True)
 class Planned(exact.Planned):
-    """A run, and the case whose pixels it must produce."""
+    """A run, and the case whose pixels it must produce; `least_waits` is the least permitted value of `waits` at its end."""
 
     case: Case | None = None
+    least_waits: int = 0
 
 
-def plan_of(config: AcceleratorConfig, case: Case, name: str | None = None, **options: object) -> Planned:
+def plan_of(
+    config: AcceleratorConfig, case: Case, name: str | None = None, *, least_waits: int = 0, **options: object,
+) -> Planned:
     """The run that plays a case; `options` are those of `Run`."""
-    return Planned(run_of(config, case, name, **options), {}, case=case)
+    return Planned(run_of(config, case, name, **options), {}, case=case, least_waits=least_waits)
 
 
 def corner_plan(config: AcceleratorConfig) -> list[Planned]:
@@ -64,9 +67,13 @@ def random_plan(config: AcceleratorConfig, seed: int, count: int = 4) -> list[Pl
 
 
 def stream_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
-    """One small frame with every pause pattern, on each port alone and on all ports together."""
+    """One small frame with every pause pattern, on each port alone and on all ports together, and with pixels that are not
+    taken for so long that ops wait, and are counted."""
     case = random_case(config, "streams", seed, tiles=8, mean_count=8)
-    return [plan_of(config, case, name, patterns=patterns) for name, patterns in every_pattern(PORTS, seed).items()]
+    ebb = PERIOD // 3  # cycles in which no pixel is taken
+    return [*(plan_of(config, case, name, patterns=patterns) for name, patterns in every_pattern(PORTS, seed).items()),
+            plan_of(config, case, "pixels are not taken for long", patterns={PORTS[2]: (Pattern.TIDAL, seed)},
+                    least_waits=ebb // 2)]
 
 
 def frame_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
@@ -97,7 +104,9 @@ def run_plan(
     """Plays a plan and compares every pixel. Raises SimulationError when the simulation itself fails."""
     def judge(item: Planned, recording: Recording) -> list[str]:
         busy = ["the array is still busy after its last pixel"] if item.run.quiet and recording.observed["busy"] else []
-        return [*problems(config, item.case, recording, golden_pixels(config, item.case)), *busy]
+        waits = recording.observed["waits"]
+        few = [f"ops waited for {waits} cycles, fewer than {item.least_waits}"] if waits < item.least_waits else []
+        return [*problems(config, item.case, recording, golden_pixels(config, item.case)), *busy, *few]
 
     return exact.run_plan(vrc_playback(config), plan, folder, waves=waves, progress=progress, judge=judge)
 

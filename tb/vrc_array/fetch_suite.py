@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from golden.msv2_ref.fetch import find_misses
@@ -10,6 +12,7 @@ from spec.config import PAPER, PAPER_SMALL, TINY, AcceleratorConfig
 from spec.memory import BEAT_BITS, BEAT_BYTES, WORDS, read_data, read_request, splat_record
 from spec.packing import pack
 from spec.queues import CACHE_WAYS
+from spec.records import COUNT_BITS, tile_use
 from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
 from tb.common.scenes import traced_frames, traced_size
@@ -82,6 +85,16 @@ class Plan:
         return item
 
 
+    def add_waiting(self, count: int) -> None:
+        """Adds a run that ends while a tile still expects `count` intersections: the unit is busy. The next run must reset
+        it."""
+        tile = np.zeros(1, tile_use(self._config).dtype)
+        tile["count"] = count
+        case = replace(case_of(self._config, "", [Tile([])], 0), tiles=tile)
+        item = self.add(case, f"a tile waits for {count} intersections", quiet=20)
+        self.runs[-1] = replace(item, observed={**item.observed, "busy": 1})
+
+
 def beats_of(config: AcceleratorConfig, views: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """(N,) ReadData with the splat records in their lowest bits and random bits above."""
     patterns = pack(splat_record(config), views)
@@ -122,6 +135,8 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     plan.add(case_of(config, "", [Tile(INDICES // 2 + np.arange(20))], seed), "error", wrong=(3, 17), clear=False, reset=False)
     plan.add(case, "error stays", clear=False, reset=False)
     plan.add(case, "error cleared", reset=False)
+    for bit in range(COUNT_BITS):
+        plan.add_waiting(1 << bit)
     return plan.runs
 
 

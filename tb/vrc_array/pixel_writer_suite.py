@@ -9,9 +9,10 @@ import numpy as np
 from golden.msv2_ref.frame_memory import frame_pixels
 from spec.config import PAPER, PAPER_SMALL, TINY, TINY_EYES, V3_EYES, AcceleratorConfig
 from spec.constants import TILE
-from spec.memory import BEAT_BITS
+from spec.memory import BEAT_BITS, WORDS
 from tb.common import exact
 from tb.common.exact import Outcome, Planned, every_pattern, planned
+from tb.common.patterns import PERIOD, Pattern
 from tb.common.scenes import traced_frames
 from tb.vrc_array.pixel_writer_device import playback
 from tb.vrc_array.pixel_writer_stimuli import every_value, random_pixels, rows_of, writes_of
@@ -29,6 +30,9 @@ PORTS = ("rows", "writes")
 
 SIZES = ((1, 1), (2, 1), (1, 3), (15, 17), (16, 16), (17, 16), (31, 33), (32, 5), (33, 20), (50, 35), (97, 18))
 """Sizes of frames: odd and even widths, narrower than a row of cores and than a tile, and one pixel more or less than tiles."""
+
+LARGE = 512
+"""Width and height of the largest frame in whole tiles that every machine can render."""
 
 FORMATS = ("", ", display")
 """The ends of run names for each format: whole pixels, and display pixels."""
@@ -132,7 +136,17 @@ def unit_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
     for k in range(8):
         plan.add(f"back to back {k}", random_pixels(config, rng, 33 + k, 17), display=k % 2 == 1, reset=False)
     plan.add("every value", every_value(config, rng), display=True)
+    plan.add("a large frame", random_pixels(config, rng, LARGE - 1, LARGE - 3), display=True)
+    plan.add("a long pause inside the last tile", random_pixels(config, rng, TILE * _tiles_until_ebb(config), TILE),
+             display=True, patterns={"rows": (Pattern.TIDAL, seed)})
     return plan.runs
+
+
+def _tiles_until_ebb(config: AcceleratorConfig) -> int:
+    """Tiles of which the last one is begun, but not complete, when rows with tidal pauses stop coming for the first time after
+    they began to come, where rows are display pixels and begin at whole beats."""
+    rows = (PERIOD // 2 - PERIOD // 3) // max(1, config.cores_x // WORDS)
+    return rows // (TILE * TILE // config.cores_x) + 1
 
 
 def rate_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:

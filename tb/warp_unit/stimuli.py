@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from golden.msv2_ref.warp import WarpedFrame, warp
+from golden.msv2_ref.warp import WarpedFrame, raw_disparity, warp
 from spec.config import AcceleratorConfig
 from spec.constants import TILE
 from spec.memory import BEAT_BITS, WORDS, display_pixel, write_request
@@ -67,6 +67,19 @@ def placed(
     depth = SCALE * n.weight.raw_max / np.maximum(disparity * (1 << DISPARITY_FRAC), 1e-6)
     out["depth"] = np.clip(np.round(depth), 0, n.depth_accumulator.raw_max)
     return Source(out, SCALE, right)
+
+
+def close_by(config: AcceleratorConfig, rng: np.random.Generator, width: int, height: int, right: bool = False) -> Source:
+    """Opaque pixels so near, at so small a scale, that their disparities are divided by the smallest depths. These disparities
+    lie at halves of a pixel or next to them."""
+    n, out, half = config.formats, random_pixels(config, rng, width, height), 1 << DISPARITY_FRAC - 1
+    t = rng.integers(0, solid_transmittance(n) + 1, 100 * out.size)
+    depth, scale = rng.integers(1, 64, len(t)), 17
+    raw = raw_disparity(config, t, depth, scale)
+    chosen = np.flatnonzero((abs(raw % (2 * half) - half) <= 1) & (raw < width * half))
+    chosen = rng.choice(chosen, out.shape)
+    out["transmittance"], out["depth"] = t[chosen], depth[chosen]
+    return Source(out, scale, right)
 
 
 def many_to_one(

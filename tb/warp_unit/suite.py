@@ -20,6 +20,7 @@ from tb.warp_unit.device import playback
 from tb.warp_unit.stimuli import (
     Source,
     anything,
+    close_by,
     every_border,
     every_neighbourhood,
     many_to_one,
@@ -93,6 +94,7 @@ def directed_plan(config: AcceleratorConfig, seed: int) -> list[Planned]:
         plan.add(f"one disparity, {eye}", placed(config, rng, np.full((32, 48), 5.5), right))
         plan.add(f"off the row, {eye}", placed(config, rng, np.linspace(0, 120, 90) + np.zeros((17, 1)), right))
         plan.add(f"no depth, {eye}", placed(config, rng, np.full((16, 40), np.inf), right))
+        plan.add(f"close by, {eye}", close_by(config, rng, 90, 48, right))
     for width in (1, 16, 48):  # the scan begins at the place to which a row's last pixel was just warped
         plan.add(f"last to first, {width} wide", placed(config, rng, np.full((33, width), width - 1.0)))
     plan.add("background", with_holes(config, rng, np.ones((40, 37), bool), 1.0))

@@ -10,7 +10,7 @@ import pytest
 from golden.msv2_ref.supertiles import binned_pairs
 from rtl.supertiles.clip import SuperTileClip
 from rtl.supertiles.tile_test import SuperTileTest
-from spec.config import TINY, TINY_V3, V3
+from spec.config import TINY, TINY_V3, V3, V3_EYES
 from spec.constants import SUPER_TILES
 from tb.common.exact import problems
 from tb.common.scenes import traced_frame
@@ -79,6 +79,13 @@ def test_boxes_are_cut_to_super_tiles_a_splat_a_cycle(tmp_path):
 def test_machines_without_super_tiles_are_refused(unit):
     assert_rejected(lambda: unit(TINY), ValueError, "tile")
     assert_rejected(lambda: unit("tiny"), TypeError, "tiny")
+
+
+@pytest.mark.long
+def test_a_large_machine_with_joint_frames_is_right_and_as_fast(tmp_path):
+    plan = tile_test_suite.unit_plan(V3_EYES, 0)
+    outcome = tile_test_suite.run_plan(V3_EYES, plan, tmp_path)
+    assert outcome.failures == {} and sum(item.most_cycles is not None for item in plan) == 7
 
 
 @pytest.mark.long
