@@ -26,8 +26,9 @@ EXPANSION, FLOOR = 100, 64 << 20
 VARIABLE = "MSV2_EXPANSION"
 """The environment variable that replaces EXPANSION."""
 
-_BROKEN_ZIP = (zipfile.BadZipFile, zlib.error, OSError, EOFError, NotImplementedError, RuntimeError)
-"""What zipfile raises on bundles that it cannot read; the last two for a compression that it lacks, and for encryption."""
+_BROKEN_ZIP = (zipfile.BadZipFile, zlib.error, OSError, EOFError, NotImplementedError, RuntimeError, UnicodeDecodeError)
+"""What zipfile raises on bundles that it cannot read; the last three for a compression that it lacks, for encryption, and for a
+member's name that is not UTF-8."""
 
 _STEP = 1 << 20
 _ZSTD_HEADER = 18  # bytes of the longest header of a zstd frame

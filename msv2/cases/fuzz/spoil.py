@@ -5,6 +5,7 @@ Containers are opened, a member is spoilt, and they are closed again, so that wh
 
 from __future__ import annotations
 
+import copy
 import gzip
 import io
 import json
@@ -106,7 +107,7 @@ def spoil_json(data: bytes, rng: np.random.Generator) -> bytes:
 
 def _spoil_value(value: Any, rng: np.random.Generator) -> Any:
     """A value with one thing inside it changed."""
-    nasty = VALUES[rng.integers(len(VALUES))]
+    nasty = copy.deepcopy(VALUES[rng.integers(len(VALUES))])  # it may be spoilt in turn
     if not isinstance(value, dict | list) or not value or rng.random() < 0.05:
         return nasty
     keys = list(value) if isinstance(value, dict) else range(len(value))
@@ -115,7 +116,7 @@ def _spoil_value(value: Any, rng: np.random.Generator) -> Any:
     if turn < 0.1:
         del value[key]
     elif turn < 0.2 and isinstance(value, list):
-        value.insert(key, value[key])
+        value.insert(key, copy.deepcopy(value[key]))
     elif turn < 0.25 and isinstance(value, dict):
         value["unknown"] = nasty
     else:

@@ -28,6 +28,9 @@ from spec.paths import BUILD, REPORTS
 
 FOLDER = BUILD / "coverage"
 
+SHOWN = 20
+"""Holes of a unit that the page shows; the JSON has all."""
+
 HEAD = """# Coverage: bits that change in the quick suites
 
 Written by `msv2 study run coverage`. A bit of a register, port or named wire is covered where it rises and falls while the
@@ -61,8 +64,12 @@ def pages(rows: Sequence[Mapping[str, Any]]) -> str:
     sums = total(rows)
     table = page.table(["unit", "machine", "bits", "covered", "share"],
                        [[row["unit"], f"`{row['machine']}`", row["bits"], row["covered"], share(row)] for row in rows], left=2)
-    holes = page.table(["unit", "bits that stay as they are"],
-                       [[row["unit"], f"`{hole}`"] for row in rows for hole in row["holes"]], empty="None.")
+    lines = []
+    for row in rows:
+        lines += [[row["unit"], f"`{hole}`"] for hole in row["holes"][:SHOWN]]
+        if len(row["holes"]) > SHOWN:
+            lines.append([row["unit"], f"and {len(row['holes']) - SHOWN:,} more, which are in the JSON"])
+    holes = page.table(["unit", "bits that stay as they are"], lines, empty="None.")
     summary = f"{sums['covered']:,} of {sums['bits']:,} bits of {len(rows)} units are covered ({share(sums)})."
     return f"{HEAD}\n{summary}\n\n{table}\n\n## Holes\n\n{holes}"
 

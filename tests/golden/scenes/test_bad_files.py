@@ -137,6 +137,18 @@ def png_header(width: int, height: int) -> bytes:
             + chunk(b"IDAT", zlib.compress(b"\0" * 100)))
 
 
+def test_a_sog_bundle_whose_members_name_is_no_text_is_refused(tmp_path):
+    """The directory at the end of a zip file repeats the names; the one before the member has the flag of UTF-8."""
+    path = tmp_path / "a.sog"
+    with zipfile.ZipFile(path, "w") as bundle:
+        for member, content in sog(2)[0].items():
+            bundle.writestr(f"\u00e9{member}", content)
+    data = path.read_bytes()
+    path.write_bytes(data.replace("\u00e9".encode(), b"\xc3\xff", 1))
+    with pytest.raises(InputError, match=r"a\.sog: is not a whole SOG bundle"):
+        load_model(path)
+
+
 def test_sog_bundles_that_explode_are_refused(tmp_path):
     parts = sog(2)[0]
     for name, extra in (("zip", {"more.bin": bytes(100 << 20)}), ("image", {"more.webp": png_header(30000, 30000)})):

@@ -79,6 +79,13 @@ def test_containers_are_spoilt_inside():
     assert len(set(texts)) > 60 and sum(_is_json(text) for text in texts) > 150
 
 
+def test_what_is_put_in_is_not_spoilt_for_later_cases():
+    rng, before = np.random.default_rng(1), json.dumps(spoil.VALUES)
+    for _ in range(30_000):
+        spoil.spoil_json(b'{"a": [1, 2], "b": {"c": "d"}}', rng)
+    assert json.dumps(spoil.VALUES) == before
+
+
 def _is_json(text: bytes) -> bool:
     try:
         json.loads(text)
