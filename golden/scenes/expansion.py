@@ -26,10 +26,6 @@ EXPANSION, FLOOR = 100, 64 << 20
 VARIABLE = "MSV2_EXPANSION"
 """The environment variable that replaces EXPANSION."""
 
-_BROKEN_ZIP = (zipfile.BadZipFile, zlib.error, OSError, EOFError, NotImplementedError, RuntimeError, UnicodeDecodeError)
-"""What zipfile raises on bundles that it cannot read; the last three for a compression that it lacks, for encryption, and for a
-member's name that is not UTF-8."""
-
 _STEP = 1 << 20
 _ZSTD_HEADER = 18  # bytes of the longest header of a zstd frame
 
@@ -119,7 +115,9 @@ def _members(path: Path, packed: int) -> list[bytes]:
         with zipfile.ZipFile(path) as bundle:
             check_expansion(path, packed, sum(member.file_size for member in bundle.infolist()))
             return [bundle.read(name) for name in bundle.namelist()]
-    except _BROKEN_ZIP as error:
+    except InputError:
+        raise
+    except Exception as error:  # zipfile and zlib raise nearly anything on a broken file
         raise InputError(f"{path}: is not a whole SOG bundle ({error})") from error
 
 

@@ -84,7 +84,6 @@ class Plan:
         self.runs.append(item)
         return item
 
-
     def add_waiting(self, count: int) -> None:
         """Adds a run that ends while a tile still expects `count` intersections: the unit is busy. The next run must reset
         it."""

@@ -22,14 +22,14 @@ def test_a_synthesised_build_has_its_reports_area(name):
     assert found.mm2 == pytest.approx(found.logic_mm2 + found.memory_mm2)
 
 
-def test_no_unit_of_the_builds_at_1_ghz_is_late():
+def test_no_unit_of_the_builds_at_1_ghz_is_late_in_the_machine():
     """By itself a unit is timed with assumed times at its ports and memories. Where these alone make it late, the linked
     machine, which has the real ones, decides."""
     builds = json.loads(estimate.REPORT.read_text())["builds"]
     linked = json.loads((REPORTS / "machine_timing.json").read_text())["machines"]
     late = {name for name in BUILDS if builds[name]["late_units"]}
     assert {name for name in late if linked[builds[name]["config"]]["typical"]["late_endpoints"]} == set()
-    assert len(late) < len(BUILDS) and all(builds[name]["worst_slack_ps"] > -0.01 * builds[name]["clock_ps"] for name in BUILDS)
+    assert all(builds[name]["worst_slack_ps"] > -0.01 * builds[name]["clock_ps"] for name in BUILDS)
 
 
 @pytest.mark.parametrize("name", SHORTENED)
