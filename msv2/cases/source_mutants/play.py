@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import ast
 import json
+import math
 import os
 import resource
 import shutil
 import signal
 import subprocess
 import sys
-import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,8 +26,12 @@ _BESIDE = ("tests", "docs", "examples", "reports")
 """Folders that tests read."""
 
 _MEMORY = 8 << 30
-_SLACK, _SECONDS = 4, 120
-"""A mutant may take _SLACK times as long as the project without a fault, and _SECONDS more, since kernels are compiled anew."""
+_SLACK = 1.5
+"""A mutant may take _SLACK times the processor time of the project without a fault and without compiled kernels. Time on the
+wall depends on what else the machine does, so it is bounded much more loosely."""
+
+_WALL = 12
+"""Seconds on the wall for a second of processor time."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +41,7 @@ class Part:
     Attributes:
         name: its name.
         paths: the files.
-        tests: folders of the quick tests that are run where no case notices a mutant.
+        tests: folders of the quick tests that are run where no case notices a mutant; those that import its module first.
         first: those that are run before the cases.
     """
 
@@ -79,13 +85,13 @@ class Judge:
         for path in ROOT.iterdir():
             if path.is_file():
                 shutil.copy2(path, self._copy)
+        shutil.rmtree(self._folder / "cache", ignore_errors=True)
         self._seconds = 3600.0
-        self._run()  # compiles the kernels
-        begin = time.monotonic()
-        wrong = self._run()
+        before = _processor_seconds()
+        wrong = self._run(list(part.first), list(part.tests))
         if wrong["by"]:
             raise RuntimeError(f"{part.name} fails without a mutant: {wrong['words']}")
-        self._seconds = _SLACK * (time.monotonic() - begin) + _SECONDS
+        self._seconds = _SLACK * (_processor_seconds() - before)
 
     def judge(self, mutant: SourceMutant) -> dict[str, str]:
         """`by`: "case" or "test", where one notices the mutant, "hang" or "crash", or "" where nothing does; `words`: what was
@@ -94,7 +100,8 @@ class Judge:
         sound, states = path.read_text(), self._states()
         try:
             path.write_text(mutated(sound, mutant))
-            return self._run()
+            steps = self._part.first, self._part.tests
+            return self._run(*(importing_first(mutant.path, folders, self._copy) for folders in steps))
         finally:
             path.write_text(sound)
             for state in self._states() - states:
@@ -104,28 +111,57 @@ class Judge:
         """The folders of compiled kernels."""
         return set((self._folder / "cache" / "kernels").glob("*/*"))
 
-    def _run(self) -> dict[str, str]:
+    def _run(self, first: list[str], after: list[str]) -> dict[str, str]:
         result = self._folder / "result.json"
         result.unlink(missing_ok=True)
+        seconds = math.ceil(self._seconds)
         process = subprocess.Popen(
-            [sys.executable, "-m", WORKER, str(result), *self._part.first, "cases", *self._part.tests], cwd=self._copy,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True, preexec_fn=_limit,
+            [sys.executable, "-m", WORKER, str(result), *first, "cases", *after], cwd=self._copy,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True, preexec_fn=lambda: _limit(seconds),
             env=os.environ | {"PYTHONPATH": str(self._copy), "MSV2_CACHE": str(self._folder / "cache"),
                               "PYTHONDONTWRITEBYTECODE": "1"})
         try:
-            process.wait(self._seconds)
+            process.wait(_WALL * seconds)
         except subprocess.TimeoutExpired:
-            return {"by": "hang", "words": f"no end in {self._seconds:.0f} s"}
+            return {"by": "hang", "words": f"no end in {_WALL * seconds} s"}
         finally:
             _end(process)
+        if process.returncode == -signal.SIGXCPU:
+            return {"by": "hang", "words": f"no end in {seconds} s of processor time"}
         try:
             return dict(read_json(result))
         except (OSError, ValueError, json.JSONDecodeError):
             return {"by": "crash", "words": f"the process ended with {process.returncode}"}
 
 
-def _limit() -> None:
+def _limit(seconds: int) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
+
+
+def _processor_seconds() -> float:
+    """Processor time of all processes that were begun here and have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def importing_first(path: str, folders: Sequence[str], root: Path) -> list[str]:
+    """The test files of some folders, from `root` on; first those that import the module of a path, which are the likeliest to
+    notice a fault in it."""
+    tests = [file for folder in folders for file in sorted((root / folder).glob("test_*.py"))]
+    module = path.removesuffix(".py").replace("/", ".")
+    return [str(file.relative_to(root)) for file in sorted(tests, key=lambda file: module not in _imports(file))]
+
+
+def _imports(file: Path) -> set[str]:
+    """The dotted names of all modules that a file may import, and of what it takes from them."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return names
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

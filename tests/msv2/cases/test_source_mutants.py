@@ -70,6 +70,15 @@ def test_every_module_of_a_part_can_be_mutated():
         assert all((ROOT / tests).is_dir() for tests in (*part.tests, *part.first))
 
 
+def test_tests_that_import_the_module_come_first(tmp_path: Path):
+    (tmp_path / "tests").mkdir()
+    imports = {"a": "import golden.sort", "b": "from golden import tiles, sort", "c": "from golden.sort import by"}
+    for name, line in imports.items():
+        (tmp_path / "tests" / f"test_{name}.py").write_text(line + "\n")
+    for path, order in (("golden/sort.py", "abc"), ("golden/tiles.py", "bac"), ("golden/other.py", "abc")):
+        assert play.importing_first(path, ["tests"], tmp_path) == [f"tests/test_{name}.py" for name in order]
+
+
 def test_the_worker_runs_tests_until_one_fails(tmp_path: Path):
     for name, body in (("good", "assert 2 > 1"), ("bad", "assert 1 > 2")):
         (tmp_path / f"test_{name}.py").write_text(f"def test_it():\n    {body}\n")
