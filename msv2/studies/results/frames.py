@@ -19,7 +19,7 @@ FRAME_KEYS = (
     "camera", "size", "gaze", "levels", "config", "pixels", "merge", "pipeline", "bit_exact", "mismatches", "counter_errors",
     "pixels_checked", "tiles", "entries", "groups", "ops", "skipped", "table_cycles", "geometry_cycles", "render_cycles",
     "frame_cycles", "overlapped_cycles", "bound_cycles", "bounds", "utilisation", "stage_cycles", "events", "dram_bytes",
-    "latency", "bytes_per_cycle", "cycles_per_s")
+    "latency", "bytes_per_cycle")
 """The fields of frame.json that the reports keep."""
 
 Frame = tuple  # a View, and the other options of `python -m tb.frame`
@@ -33,9 +33,10 @@ def frame_rows(wanted: Sequence[Frame], keys: Sequence[str] = FRAME_KEYS) -> lis
 
 
 def frame_row(view: View, *options: str, keys: Sequence[str] = FRAME_KEYS) -> dict[str, object]:
-    """The kept numbers of one frame on the machine. A frame is not simulated again if its sources have not changed."""
+    """The kept numbers of one frame on the machine, and its simulated cycles in a second of processor time. A frame is not
+    simulated again if its sources have not changed."""
     row = kept_frame(ROOT / "build" / "results", scene_argument(view.scene), ["--machine", "full", *view.arguments, *options])
-    return {"scene": view.scene, **{key: row[key] for key in keys}}
+    return {"scene": view.scene, **{key: row[key] for key in keys}, "cycles_per_cpu_s": round(row["cycles"] / row["cpu_s"])}
 
 
 def write_frames(
