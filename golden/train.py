@@ -31,7 +31,8 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add_scene_argument(parser, "posed photographs: a COLMAP, LLFF, nerfstudio or Blender folder, a transforms.json")
     add = parser.add_argument
     add("--variant", default="H", metavar="H|M|L", help="quality L1 may lose: 1, 2 or 3 %% of the dense model's (default: H)")
-    add("--from", dest="source", metavar="DENSE.PLY", help="start from this trained model instead of dense training")
+    add("--from", dest="source", metavar="DENSE.PLY",
+        help="start from this trained model, or from the dense model of the run in this folder, instead of dense training")
     add("--baseline", metavar="smfr|mmfr|count|importance|speedy|pup|compact|lightgs",
         help="levels as random subsets (smfr) or separate models (mmfr); or one level, pruned in the same loop by opacity "
              "(count), by LightGaussian's importance, by the scores of Speedy-Splat (speedy) or PUP 3D-GS (pup), or by learned "

@@ -33,6 +33,9 @@ from spec.errors import InputError
 CHECKPOINT_SECONDS = 60.0
 """Time between checkpoints within a stage."""
 
+CHECKPOINTS = "checkpoints"
+"""Folder of a run's checkpoints."""
+
 LOG = "log.jsonl"
 """The log's file name. It holds one JSON object for each iteration: iteration, stage, what the stage logs (loss, points,
 psnr, ...), and seconds."""
@@ -98,7 +101,7 @@ class Chain:
     ) -> None:
         self.plan, self.folder, self.options = tuple(plan), folder, options
         self.checkpoint_seconds = checkpoint_seconds
-        self.checkpoints = Checkpoints(folder / "checkpoints", classes)
+        self.checkpoints = Checkpoints(folder / CHECKPOINTS, classes)
         self.log_path = folder / LOG
         self.results: dict[str, Any] = {}
         self.spent: dict[str, dict[str, float]] = {}

@@ -10,7 +10,7 @@ from typing import Any
 
 from golden.metrics.hvsq import FULL_WIDTH
 from golden.scenes.files import read_json
-from golden.training.chain import LOG
+from golden.training.chain import CHECKPOINTS, LOG
 from golden.training.checkpoint import Checkpoint, Checkpoints
 from golden.training.plots import read_log
 from golden.training.recipe import RESULTS
@@ -41,10 +41,10 @@ class FinishedRun:
 
     def last(self) -> Checkpoint | None:
         """Its last checkpoint; None if it is gone or is not that of a finished run."""
-        if not (self.folder / "checkpoints").is_dir():
+        if not (self.folder / CHECKPOINTS).is_dir():
             return None
         try:
-            last = Checkpoints(self.folder / "checkpoints", RESULTS).load()
+            last = Checkpoints(self.folder / CHECKPOINTS, RESULTS).load()
         except InputError:
             return None
         return last if last.stage == len(last.plan) else None

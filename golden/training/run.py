@@ -15,7 +15,8 @@ from golden.diff.gaussians import Gaussians, from_model
 from golden.metrics.hvsq import FULL_WIDTH
 from golden.scenes.files import only_inside
 from golden.scenes.load import EMBEDDED, load_model
-from golden.training.chain import Chain, Interrupted
+from golden.training.chain import CHECKPOINTS, Chain, Interrupted
+from golden.training.checkpoint import Checkpoints
 from golden.training.failure import room_needed
 from golden.training.recipe import (
     DEFAULTS,
@@ -70,6 +71,8 @@ def train(args: argparse.Namespace, size: tuple[int, int] | None, device: str) -
               "that the cameras have in common take their place", file=sys.stderr)
     default = BUILD / "train" / run_name(scene.name, recipe)
     with output_folder(args.out or (default if args.resume else None), default) as out:  # to resume means one certain folder
+        if args.source is not None and out.resolve() == Path(args.source).resolve():
+            raise InputError(f"out {str(out)!r} is not accepted: --from reads the run in this folder")
         return _run(args, recipe, scene, references, dense, device, out)
 
 
@@ -139,11 +142,17 @@ def run_name(scene: str, recipe: Recipe) -> str:
 
 
 def loaded_dense(path: Path, device: str) -> Gaussians:
-    """Level 1 of a trained model, ready to be trained.
+    """Level 1 of a trained model, ready to be trained; of a trainer's output folder, the run's dense model.
 
     Raises:
-        InputError: the file is no model, or the model is empty.
+        InputError: the file is no model, the model is empty, or the run has not made its dense model.
     """
+    checkpoints = path / CHECKPOINTS
+    if checkpoints.is_dir():
+        results = Checkpoints(checkpoints, RESULTS).load().results
+        if "dense" not in results:
+            raise InputError(f"{path}: dense training has not ended; a run whose dense model is made is needed")
+        return results["dense"].to(device).detached()
     model = load_model(path)
     if not len(model):
         raise InputError(f"{path}: holds no Gaussians; a trained model is needed")

@@ -138,6 +138,21 @@ def test_a_trained_model_takes_the_place_of_dense_training(tmp_path, unreported,
         train(*TINY[:4], "--from", model, "--resume", "--out", tmp_path / "out")
 
 
+def test_the_dense_model_of_a_run_serves_another_variant(tmp_path, unreported, interrupts):
+    interrupts += [2]
+    assert train(*TINY, "--out", tmp_path / "H") == 130
+    with pytest.raises(InputError, match="H: dense training has not ended"):
+        train(*TINY[:4], "--from", tmp_path / "H", "--out", tmp_path / "M")
+    interrupts.clear()
+    assert train(*TINY, "--resume", "--out", tmp_path / "H") == 0
+    assert train(*TINY[:4], "--from", tmp_path / "H", "--variant", "M", "--out", tmp_path / "M") == 0
+    first, second = (results(tmp_path / name)["dense"] for name in "HM")
+    assert all(torch.equal(ours, first.tensors()[name]) for name, ours in second.tensors().items())
+    assert '"dense"' not in (tmp_path / "M" / "log.jsonl").read_text()
+    with pytest.raises(InputError, match=r"out .*H' is not accepted: --from reads the run in this folder"):
+        train(*TINY[:4], "--from", tmp_path / "H", "--out", tmp_path / "H")
+
+
 def inria_folder(tmp_path: Path, count: int = 12) -> Path:
     """cameras.json as INRIA's trainer writes it, and no photographs."""
     folder = tmp_path / "trained"
