@@ -1,6 +1,7 @@
 """What training reaches: a row for each scene and variant from finished runs of golden/train.py, on test views of good pose.
 
     msv2 study run training_headline build/train/bonsai build/train/fern     writes training_headline.json
+    msv2 study run training_headline build/train/fern-M --add --keep         adds a row to the kept ones, or replaces it
 
 Runs that differ in their seed alone share a row, which holds their means.
 """
@@ -14,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from golden.scenes.files import read_json
+from msv2.studies.destination import newest
 from msv2.studies.page import table
 from msv2.studies.record import write_report
 from spec.command_line import command_parser
@@ -66,6 +68,12 @@ def rows(reports: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return result
 
 
+def _others(old: Sequence[dict[str, Any]], new: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The old rows that no new one replaces."""
+    named = [[row[name] for name in NAMED] for row in new]
+    return [row for row in old if [row[name] for name in NAMED] not in named]
+
+
 def text(found: Sequence[Mapping[str, Any]]) -> str:
     """The rows as a Markdown table."""
     def shares(values: Sequence[float], form: str = "{:.0f} %") -> str:
@@ -86,10 +94,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line; returns its exit status."""
     parser = command_parser("msv2 study run training_headline", __doc__)
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="folder of a finished run of `msv2 train`")
-    folders = parser.parse_args(argv).runs
+    parser.add_argument("--add", action="store_true", help="leave the report's rows of other scenes, sizes and options in it")
+    args = parser.parse_args(argv)
+    folders, path = args.runs, REPORTS / "training_headline.json"
     found = rows([read_json(folder / "report.json") for folder in folders])
-    write_report(REPORTS / "training_headline.json", {"rows": found}, [__name__, "golden.train"], {"runs": folders},
-                 [folder / "report.json" for folder in folders])
+    old = read_json(newest(path)) if args.add and newest(path).is_file() else None
+    if old:
+        found = sorted([*found, *_others(old["rows"], found)], key=lambda row: [row[name] for name in NAMED])
+    write_report(path, {"rows": found}, [__name__, "golden.train"], {"runs": folders},
+                 [folder / "report.json" for folder in folders], earlier=old)
     print(text(found))
     return 0
 

@@ -6,7 +6,7 @@ import sys
 
 from msv2.studies import destination
 from msv2.studies.record import OTHER_SOURCES
-from msv2.studies.results import study
+from msv2.studies.results import headline, study
 from msv2.studies.rtl_frame import COMMAND
 from spec.paths import ROOT
 from spec.sources import sources_of
@@ -37,3 +37,15 @@ def test_training_is_made_on_request_of_the_scenes_that_are_there(tmp_path, monk
     assert commands == [(*training, "--keep", "--name", "training"), (*training, str(fern), "--keep", "--name", "training"),
                         (*training, str(fern), "--name", "training")]
     assert "training" not in study.PARTS
+
+
+def test_the_headline_has_the_largest_frames_of_each_scene_at_variant_h():
+    rows = [{"scene": scene, "size": size, "variant": variant, "seeds": seeds, "l1_points_of_dense": share,
+             "l1_psnr_share": 0.99, "cut_foveated": cut}
+            for scene, size, variant, seeds, share, cut in (
+                ("a", "200x133", "H", [0], 0.5, 2.0), ("a", "400x266", "H", [0, 1], 0.1, 8.0),
+                ("a", "400x266", "M", [0], 0.1, 9.0),
+                ("b", "99x400", "H", [0, 1], 0.3, 7.0))]
+    left, foveated = headline._training({"training_headline": {"rows": rows}})
+    assert left[2] == "10.0 % (a 400x266), 30.0 % (b 99x400)" and "missed on b;" in left[3] and left[3].endswith("2 seeds")
+    assert foveated[2] == "8.00x (a 400x266), 7.00x (b 99x400)" and "missed on b;" in foveated[3]

@@ -55,3 +55,23 @@ def test_the_command_writes_the_report(tmp_path, monkeypatch, capsys):
     assert "bonsai, 200x100" in capsys.readouterr().out
     written = json.loads((tmp_path / "training_headline.json").read_text())
     assert written["rows"] == headline.rows([report()]) and written["provenance"]["sources"]
+
+
+def test_added_rows_replace_only_their_own(tmp_path, monkeypatch):
+    monkeypatch.setattr(headline, "REPORTS", tmp_path)
+    tell(keep=False, named=False)
+
+    def wrote(*runs, added):
+        for number, run in enumerate(runs):
+            (tmp_path / str(number)).mkdir(exist_ok=True)
+            (tmp_path / str(number) / "report.json").write_text(json.dumps(run))
+        folders = [str(tmp_path / str(number)) for number in range(len(runs))]
+        assert headline.main([*folders, *(["--add"] if added else [])]) == 0
+        rows = json.loads((tmp_path / "training_headline.json").read_text())["rows"]
+        return [(row["scene"], row["variant"], row["seeds"]) for row in rows]
+
+    both = [("bonsai", "H", [0]), ("fern", "H", [0])]
+    assert wrote(report(scene="fern"), report(), added=True) == both[::-1]  # nothing is kept yet
+    assert wrote(report(variant="M"), added=True) == [both[0], ("bonsai", "M", [0]), both[1]]
+    assert wrote(report(seed=4), added=True) == [("bonsai", "H", [4]), ("bonsai", "M", [0]), both[1]]
+    assert wrote(report(), added=False) == both[:1]
