@@ -22,7 +22,7 @@ from golden.training.pruning import PruneOptions, PruneStage  # noqa: E402
 from golden.training.retrain import Retraining  # noqa: E402
 from tests.helpers.training_samples import guarded, same, small_dense, small_scene  # noqa: E402
 
-QUICK = PruneOptions(iterations=12, interval=3, recovery=3)
+QUICK = PruneOptions(iterations=12, interval=3, recovery=3, fraction=0.1)
 
 
 @pytest.fixture(scope="module")
