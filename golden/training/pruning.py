@@ -49,8 +49,8 @@ class PruneOptions:
         recovery: iterations from a failed gate to the next check; None for RECOVERY times `interval`.
         patience: number of failed checks in a row after which a prune is undone and a smaller one tried. It is undone earlier
             if progress shows that the gate will not be reached in time.
-        fraction: largest share of the points that is removed each time the gate passes. Less is removed where the iterations
-            that are left would not do for the recovery, judging by the last one. The share is halved when a prune is undone,
+        fraction: largest share of the points that is removed each time the gate passes. Less is removed where, judging by the
+            last recovery, the next one would take more iterations than are left. The share is halved when a prune is undone,
             and doubled up to this value when the gate passes at the first check after a prune.
         parts: number of parts in which a prune is made; scores are measured again before each.
         criterion: one of CRITERIA, or None: nothing is pruned, and only scale decay is controlled.
@@ -297,17 +297,17 @@ class PruneStage(Stage):
 
     @property
     def _checks_left(self) -> float:
-        """Number of checks for which the iterations do that are left."""
+        """Number of checks that the remaining iterations have room for."""
         return (self.total - self.done) / (self.options.recovery or RECOVERY * self.options.interval)
 
     def _hopeless(self) -> bool:
         """Whether the gate has failed too often since the last prune, or will, judging by the gain over the later half of the
         failures: the gain right after a prune is much larger than later ones."""
-        left = min(self.options.patience - self._failures, self._checks_left)
-        if left <= 0:
-            return self._failures >= self.options.patience
+        if self._failures >= self.options.patience:
+            return True
         if self._failures < 4:
             return False
+        left = min(self.options.patience - self._failures, self._checks_left)
         half = self._failures // 2
         since, now = self.history[-1 - half].slack, self.history[-1].slack
         return now + (now - since) / half * left < 0

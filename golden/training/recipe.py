@@ -69,8 +69,8 @@ POINTS_STEP = 5000
 """Caps under `--full` are multiples of this."""
 
 CHECKS = 60
-"""Smallest number of times that pruning can check its gate. Down to 12 % of the points are 20 passes of 10 %, and a check that
-fails takes as long as three that pass."""
+"""Smallest number of times that pruning can check its gate. A prune takes at least one interval, and later recoveries
+take ten to twenty."""
 
 MOST_INTERVAL = 100
 """Largest number of iterations between a prune and the check after it, as far as the running average looks back."""

@@ -151,6 +151,7 @@ def test_the_dense_model_of_a_run_serves_another_variant(tmp_path, unreported, i
     assert '"dense"' not in (tmp_path / "M" / "log.jsonl").read_text()
     with pytest.raises(InputError, match=r"out .*H' is not accepted: --from reads the run in this folder"):
         train(*TINY[:4], "--from", tmp_path / "H", "--out", tmp_path / "H")
+    assert torch.equal(results(tmp_path / "H")["dense"].means, first.means)  # the refused run left the other as it was
 
 
 def inria_folder(tmp_path: Path, count: int = 12) -> Path:

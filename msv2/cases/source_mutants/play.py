@@ -31,7 +31,7 @@ _SLACK = 1.5
 wall depends on what else the machine does, so it is bounded much more loosely."""
 
 _WALL = 12
-"""Seconds on the wall for a second of processor time."""
+"""Seconds on the wall that a mutant may take for each second of its limit of processor time."""
 
 
 @dataclass(frozen=True)

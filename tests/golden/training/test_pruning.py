@@ -138,6 +138,29 @@ def test_a_prune_that_does_not_heal_is_undone_and_halved(scene, dense):
     assert stage.history[-1].iteration == 14 and evaluate(stage.result(), scene, scene.validation).psnr >= stage.gate.psnr
 
 
+@pytest.mark.parametrize(("failures", "share"), [(0, 0.2), (1, 0.1), (3, 0.2 / 6)])
+def test_a_prune_takes_no_more_than_the_rest_can_recover_from(scene, dense, failures, share):
+    """With six checks left: after two checks the next recovery would take three times two, after four three times four. After a
+    recovery at once the share doubles, up to `fraction`."""
+    stage = run(PruneStage(scene, dense, "H", PruneOptions(iterations=120, interval=10, fraction=0.2)), 1)
+    stage.done, stage._failures = 60, failures
+    stage._fraction = 0.1 if failures < 2 else 0.2 / 3
+    stage._go_on()
+    assert stage._fraction == pytest.approx(share)
+
+
+@pytest.mark.parametrize(("slack", "done", "hopeless"), [
+    ([-9, -5, -4, -3], 40, False),  # it gains 1 at each check, so that three of the five before `patience` would do
+    ([-9, -5, -4, -3], 100, True),  # two are left
+    ([-9, -3, -3, -3], 40, True), ([-9, -5, -4], 110, False), ([-9, -8, -7, -6, -5, -4, -3, -2, -1], 20, True)])
+def test_a_prune_is_undone_where_the_rest_does_not_reach_the_gate(scene, dense, slack, done, hopeless):
+    """By the gain of the later half of the failures; not before the fourth, and always at `patience`, here 9."""
+    stage = run(PruneStage(scene, dense, "H", PruneOptions(iterations=120, interval=10, patience=9)), 1)
+    stage.history += [replace(stage.history[0], slack=value) for value in slack]
+    stage.done, stage._failures = done, len(slack)
+    assert stage._hopeless() == hopeless
+
+
 def test_the_gate_sees_the_running_average(scene, dense):
     """With rates so high that the parameters jump about, the model looked at is between where they have been."""
     training = Retraining(scene, dense, 0, "average", {"sh_dc": 0.5})

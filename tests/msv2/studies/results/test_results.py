@@ -41,11 +41,12 @@ def test_training_is_made_on_request_of_the_scenes_that_are_there(tmp_path, monk
 
 def test_the_headline_has_the_largest_frames_of_each_scene_at_variant_h():
     rows = [{"scene": scene, "size": size, "variant": variant, "seeds": seeds, "l1_points_of_dense": share,
-             "l1_psnr_share": 0.99, "cut_foveated": cut}
-            for scene, size, variant, seeds, share, cut in (
-                ("a", "200x133", "H", [0], 0.5, 2.0), ("a", "400x266", "H", [0, 1], 0.1, 8.0),
-                ("a", "400x266", "M", [0], 0.1, 9.0),
-                ("b", "99x400", "H", [0, 1], 0.3, 7.0))]
+             "l1_psnr_share": psnr, "cut_foveated": cut}
+            for scene, size, variant, seeds, share, psnr, cut in (
+                ("a", "200x133", "H", [0], 0.5, 0.9, 2.0), ("a", "400x266", "H", [0, 1], 0.1, 0.99, 8.0),
+                ("a", "400x266", "M", [0], 0.1, 0.98, 9.0), ("b", "99x400", "H", [0, 1], 0.3, 1.0, 7.0),
+                ("c", "99x400", "H", [0, 1], 0.1, 0.9857, 9.0))]
     left, foveated = headline._training({"training_headline": {"rows": rows}})
-    assert left[2] == "10.0 % (a 400x266), 30.0 % (b 99x400)" and "missed on b;" in left[3] and left[3].endswith("2 seeds")
-    assert foveated[2] == "8.00x (a 400x266), 7.00x (b 99x400)" and "missed on b;" in foveated[3]
+    assert left[2] == "10.0 % (a 400x266), 30.0 % (b 99x400), 10.0 % (c 99x400)"
+    assert left[3] == "missed on b, c; at 98.6 % of the dense PSNR (H: 99 %); 2 seeds"
+    assert foveated[2] == "8.00x (a 400x266), 7.00x (b 99x400), 9.00x (c 99x400)" and "missed on b;" in foveated[3]
