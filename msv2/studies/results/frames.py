@@ -19,7 +19,7 @@ FRAME_KEYS = (
     "camera", "size", "gaze", "levels", "config", "pixels", "merge", "pipeline", "bit_exact", "mismatches", "counter_errors",
     "pixels_checked", "tiles", "entries", "groups", "ops", "skipped", "table_cycles", "geometry_cycles", "render_cycles",
     "frame_cycles", "overlapped_cycles", "bound_cycles", "bounds", "utilisation", "stage_cycles", "events", "dram_bytes",
-    "latency", "bytes_per_cycle")
+    "latency", "bytes_per_cycle", "cycles_per_s")
 """The fields of frame.json that the reports keep."""
 
 Frame = tuple  # a View, and the other options of `python -m tb.frame`
