@@ -41,7 +41,7 @@ def compiled(function: Callable | None = None, **options: object) -> Callable:
     def decorate(plain: Callable) -> Callable:
         kernel = numba.njit(**options)(plain)
         if isinstance(kernel, Dispatcher):  # NUMBA_DISABLE_JIT leaves plain functions
-            kernel._cache = _KernelCache(plain)
+            kernel._cache = KernelCache(plain)
         return kernel
 
     return decorate if function is None else decorate(function)
@@ -113,7 +113,7 @@ class LockedFile(caching.IndexDataCacheFile):
             super().save(key, data)
 
 
-class _KernelCache(caching.Cache):
+class KernelCache(caching.Cache):
     _impl_class = _Implementation
 
     def __init__(self, py_func: Callable) -> None:

@@ -97,19 +97,13 @@ class Judge:
         """`by`: "case" or "test", where one notices the mutant, "hang" or "crash", or "" where nothing does; `words`: what was
         wrong."""
         path = self._copy / mutant.path
-        sound, states = path.read_text(), self._states()
+        sound = path.read_text()
         try:
             path.write_text(mutated(sound, mutant))
             steps = self._part.first, self._part.tests
             return self._run(*(importing_first(mutant.path, folders, self._copy) for folders in steps))
         finally:
             path.write_text(sound)
-            for state in self._states() - states:
-                shutil.rmtree(state, ignore_errors=True)
-
-    def _states(self) -> set[Path]:
-        """The folders of compiled kernels."""
-        return set((self._folder / "cache" / "kernels").glob("*/*"))
 
     def _run(self, first: list[str], after: list[str]) -> dict[str, str]:
         result = self._folder / "result.json"

@@ -12,6 +12,8 @@ import json
 import sys
 from pathlib import Path
 
+from msv2.cases.source_mutants.contents import keep_by_content
+
 QUICK = "not (rtl or torch or slow or long or data)"
 """The tests that `make check` runs, too."""
 
@@ -52,6 +54,7 @@ def _tests(paths: list[str]) -> str:
 
 def main() -> None:
     """Writes the verdict."""
+    keep_by_content()
     result, steps = Path(sys.argv[1]), sys.argv[2:]
     at = steps.index("cases")
     verdict = {"by": "", "words": ""}
