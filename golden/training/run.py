@@ -17,6 +17,7 @@ from golden.scenes.files import only_inside
 from golden.scenes.load import EMBEDDED, load_model
 from golden.training.chain import CHECKPOINTS, Chain, Interrupted
 from golden.training.checkpoint import Checkpoints
+from golden.training.embedded_photographs import EMBEDDED_VIEWS
 from golden.training.failure import room_needed
 from golden.training.recipe import (
     DEFAULTS,
@@ -31,7 +32,7 @@ from golden.training.recipe import (
     plan,
 )
 from golden.training.report import Trained, write_report
-from golden.training.scene import EMBEDDED_VIEWS, TrainingScene, load_training_scene
+from golden.training.scene import TrainingScene, load_training_scene
 from golden.training.ship import shipped_text, write_shipped
 from golden.training.teacher import has_photographs, teacher_scene
 from spec.errors import InputError

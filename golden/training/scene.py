@@ -16,7 +16,7 @@ from golden.scenes.camera import Camera
 from golden.scenes.dataset import TEST_EVERY, Dataset
 from golden.scenes.datasets import load_dataset
 from golden.scenes.embedded.scene import UP, embedded_cameras
-from golden.training.embedded_photographs import photographs_and_points
+from golden.training.embedded_photographs import EMBEDDED_VIEWS, photographs_and_points
 from golden.training.photographs import area_resized, check_photographs, read_masks, read_photographs
 from golden.training.random_points import random_points
 from spec.errors import InputError
@@ -48,9 +48,6 @@ EMBEDDED_POINTS = 6000
 
 EMBEDDED_SIZE = (256, 256)
 """Default frame size of the embedded scene."""
-
-EMBEDDED_VIEWS = 24
-"""Default number of photographs of the embedded scene."""
 
 
 @dataclass(frozen=True)

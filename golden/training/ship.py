@@ -11,6 +11,7 @@ from golden.scenes.embedded import trained
 from golden.scenes.files import atomic_output
 from golden.scenes.load import EMBEDDED
 from golden.scenes.request import write_json
+from golden.training.embedded_photographs import EMBEDDED_VIEWS
 from spec.errors import InputError
 from spec.paths import BUILD
 from spec.sources import fingerprint, sources_of
@@ -20,8 +21,8 @@ if TYPE_CHECKING:
     from golden.training.scene import TrainingScene
 
 PRESET = {"size": "320x320", "views": 48, "iterations": 9000, "max_points": 24_000, "pooling_width": 640}
-"""What `--ship` fills in where the command line gives no value. Twice the usual number of photographs leaves no gaps between
-them. HVSQ pools as in frames of 640 pixels, the width that `render` and the viewer show a model at."""
+"""What `--ship` fills in where the command line gives no value; the shipped model was made so. HVSQ pools as in frames of 640
+pixels, the width that `render` and the viewer show a model at."""
 
 MAX_BYTES = 2_000_000
 """Largest size of the shipped file."""
@@ -30,7 +31,8 @@ MAX_BYTES = 2_000_000
 def add_ship_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds `--views` and `--ship`, which concern the embedded scene alone."""
     group = parser.add_argument_group("the embedded scene")
-    group.add_argument("--views", type=int, metavar="N", help="number of its ray-traced photographs (default: 24)")
+    group.add_argument("--views", type=int, metavar="N",
+                       help=f"number of its ray-traced photographs (default: {EMBEDDED_VIEWS})")
     group.add_argument("--ship", action="store_true", help="train the model that the project ships as scene "
                        "'embedded_trained', with settings of its own, and write it into the package")
 

@@ -17,7 +17,7 @@ from golden.msv2_ref import pipeline
 from golden.oracle.render import OracleFrame
 from golden.oracle.render import render as render_oracle
 from golden.scenes.camera import Camera
-from golden.scenes.embedded.scene import embedded_cameras, render_reference
+from golden.scenes.embedded.scene import embedded_cameras, render_photograph
 from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveation
 from golden.scenes.load import TRAINED, load_scene
 from golden.scenes.model import GaussianModel
@@ -142,7 +142,7 @@ def _shown(out: Path) -> int:
     with step("scene: read the trained model"):
         model, camera, display = load_scene(TRAINED).model, embedded_cameras(*SIZE)[0], Display(*SIZE)
     with step("scene: ray-trace the reference picture"):
-        photo = render_reference(camera)[0].astype(np.float64)
+        photo = render_photograph(camera).astype(np.float64)
     foveation = foveation_map(display, GAZE)
     try:
         full = take("full quality", model, camera, no_foveation(display), out / "sim")

@@ -15,7 +15,8 @@ from golden.scenes.embedded.views import TEST_EVERY, UP, camera_rays, embedded_c
 from golden.scenes.embedded.world import embedded_world
 
 __all__ = [
-    "TEST_EVERY", "UP", "cached_embedded_model", "embedded_cameras", "embedded_model", "render_reference", "surface_points",
+    "TEST_EVERY", "UP", "cached_embedded_model", "embedded_cameras", "embedded_model", "render_photograph", "render_reference",
+    "surface_points",
 ]
 
 
@@ -30,31 +31,40 @@ def _sample_offsets(samples: int) -> np.ndarray:
     return points - points.mean(axis=0) + 0.5
 
 
-def render_reference(camera: Camera, samples: int = 4) -> tuple[np.ndarray, np.ndarray]:
+def _pixels(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows, columns and ray origins of all pixels."""
+    row, column = (axis.ravel() for axis in np.indices((camera.height, camera.width), dtype=float))
+    return row, column, np.broadcast_to(camera.position, (len(row), 3))
+
+
+def render_photograph(camera: Camera, samples: int = 4) -> np.ndarray:
     """Ray-trace the embedded scene.
 
     Args:
         camera: any camera in the room.
-        samples: rays per pixel for the colour; every pixel has the same pattern of rays.
+        samples: rays per pixel; every pixel has the same pattern of rays.
 
     Returns:
-        image: (H, W, 3) float32 in [0, 1], the mean of the samples; display values, to which no gamma is applied.
-        depth: (H, W) float32, z depth at the pixel's centre in metres, inf in the sky.
+        (H, W, 3) float32 in [0, 1], the mean of the samples; display values, to which no gamma is applied.
 
     Raises:
         ValueError: samples is below 1.
     """
     if samples < 1:
         raise ValueError(f"samples must be at least 1, not {samples!r}")
-    row, column = (axis.ravel() for axis in np.indices((camera.height, camera.width), dtype=float))
-    origin = np.broadcast_to(camera.position, (len(row), 3))
+    row, column, origin = _pixels(camera)
     total = np.zeros((len(row), 3))
     for dx, dy in _sample_offsets(samples):
         total += trace(embedded_world(), origin, camera_rays(camera, column + dx, row + dy))[3]
+    return (total / samples).reshape(camera.height, camera.width, 3).astype(np.float32)
+
+
+def render_reference(camera: Camera, samples: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    """The picture of `render_photograph`, and (H, W) float32, the z depth at the pixels' centres in metres, inf in the sky."""
+    row, column, origin = _pixels(camera)
     centre = camera_rays(camera, column + 0.5, row + 0.5)
     z = trace(embedded_world(), origin, centre)[0] * (centre @ camera.rotation[2])
-    image = (total / samples).reshape(camera.height, camera.width, 3)
-    return image.astype(np.float32), z.reshape(camera.height, camera.width).astype(np.float32)
+    return render_photograph(camera, samples), z.reshape(camera.height, camera.width).astype(np.float32)
 
 
 def surface_points(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

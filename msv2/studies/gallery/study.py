@@ -24,7 +24,7 @@ from golden.msv2_ref import pipeline
 from golden.oracle.render import render as render_oracle
 from golden.scenes.camera_options import AUTO
 from golden.scenes.captured import CAPTURED, scene_argument
-from golden.scenes.embedded.scene import embedded_cameras, render_reference
+from golden.scenes.embedded.scene import embedded_cameras, render_photograph
 from golden.scenes.files import atomic_output
 from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.load import TRAINED, load_scene
@@ -89,7 +89,7 @@ def panels(size: tuple[int, int]) -> np.ndarray:
     oracle, golden = render_oracle(model, camera), pipeline.render(model, camera, config=PAPER)
     frame, levels = foveated(size)
     return panel_picture([
-        ("ray-traced reference", render_reference(camera)[0].astype(np.float64)), ("oracle (float64)", oracle.image),
+        ("ray-traced reference", render_photograph(camera).astype(np.float64)), ("oracle (float64)", oracle.image),
         ("golden = RTL (integers)", golden.image),
         (f"|golden - oracle| x {ERROR_GAIN}", ERROR_GAIN * np.abs(golden.image - oracle.image)),
         ("foveated, four levels", frame.image), ("levels of the tiles", levels), ("depth", depth_picture(golden.depth)),

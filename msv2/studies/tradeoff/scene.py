@@ -114,9 +114,9 @@ def run_scene(path: str) -> str | None:
 
 
 def _traced(camera: Camera) -> np.ndarray:
-    from golden.scenes.embedded.scene import render_reference
+    from golden.scenes.embedded.scene import render_photograph
 
-    return render_reference(camera)[0].astype(np.float64)
+    return render_photograph(camera).astype(np.float64)
 
 
 def _spread(count: int, wanted: int) -> list[int]:

@@ -176,6 +176,26 @@ def test_a_box_is_no_larger_than_it_must_be():
     assert F.position.to_float(chunk["low"]).tolist() == F.position.round(-words.origin).tolist()
 
 
+def test_differences_are_rounded_up_exactly():
+    """The float64 that is not below the exact difference, and the least of them."""
+    rng = np.random.default_rng(4)
+    pair = np.sort(rng.uniform(-1, 1, (400, 2)) * np.exp2(rng.integers(-40, 60, (400, 2)).astype(float)), axis=1)
+    low, high = pair.T
+    above = chunks._above(high, low)
+    for larger in (np.abs(high) > np.abs(low), np.abs(high) < np.abs(low)):
+        assert (above != high - low)[larger].sum() > 30
+    for a, h, b in zip(above.tolist(), high.tolist(), low.tolist(), strict=True):
+        exact = Fraction(h) - Fraction(b)
+        assert Fraction(a) >= exact > Fraction(float(np.nextafter(a, -np.inf)))
+
+
+def test_a_grid_is_used_to_its_last_code():
+    """65,535 steps of 2^-40 fit a grid of the smallest step, and one step more does not."""
+    size = np.array([65535.0, 65536.0]) * 2.0**-40
+    step, extent = chunks._grids(WIDE, np.zeros(2), size)
+    assert step.tolist() == [0, 1] and extent.tolist() == [255, 127]
+
+
 def test_a_chunk_wider_than_every_grid_is_an_error():
     geometry = quantise_model(WIDE, splats((0, 0, 0), scale=0.1)).geometry.repeat(2)
     geometry["mean"][1] = F.position.quantise(1e15)
