@@ -6,6 +6,7 @@ that an interrupted study continues.
 
 examples:
   msv2 study run source_mutants                              200 mutants of spec, 300 of the integer renderer
+  msv2 study run source_mutants --count spec=40 --count golden=150
   msv2 study run source_mutants --part spec --count 40 --seed 7
 """
 
@@ -71,6 +72,21 @@ def total(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "noticed": noticed, "share": round(noticed / max(len(rows), 1), 4)}
 
 
+def chosen_counts(words: Sequence[str]) -> dict[str, int]:
+    """The numbers of mutants by part that N and PART=N say; the later one counts.
+
+    Raises:
+        InputError: there is no such part, or N is no number.
+    """
+    found: dict[str, int] = {}
+    for word in words:
+        name, _, number = word.rpartition("=")
+        if not number.isdecimal():
+            raise InputError(f"--count {word} is not accepted: a number is, or PART=NUMBER")
+        found |= dict.fromkeys([choice("part", name, sorted(PARTS))] if name else PARTS, int(number))
+    return found
+
+
 def _line(name: str, rows: Sequence[Mapping[str, Any]]) -> list[object]:
     """A line of the table."""
     sums = total(rows)
@@ -93,8 +109,8 @@ def pages(parts: Mapping[str, Sequence[Mapping[str, Any]]], seed: int) -> str:
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser("msv2 study run source_mutants", __doc__.split(": ", 1)[1])
     parser.add_argument("--part", metavar="NAME", help=f"only this part, and write nothing (of {', '.join(PARTS)})")
-    parser.add_argument("--count", type=int, metavar="N", help="mutants of each part (default: "
-                        + ", ".join(f"{count} of {name}" for name, count in COUNTS.items()) + ")")
+    parser.add_argument("--count", action="append", default=[], metavar="[PART=]N", help="mutants of a part, or of each; "
+                        "can be repeated (default: " + ", ".join(f"{count} of {name}" for name, count in COUNTS.items()) + ")")
     parser.add_argument("--seed", type=int, default=SEED, help="selects the mutants (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=REPORTS / "source_mutants.md", metavar="FILE",
                         help="the page; the JSON is beside it (default: build/reports; --keep: reports)")
@@ -108,9 +124,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line: writes source_mutants.json and the page source_mutants.md."""
     args = _arguments(argv)
     names = [choice("part", args.part, sorted(PARTS))] if args.part else list(PARTS)
+    counts = COUNTS | chosen_counts(args.count)
     parts: dict[str, list[dict[str, Any]]] = {}
     for name in names:
-        parts[name] = verdicts(PARTS[name], COUNTS[name] if args.count is None else args.count, args.seed)
+        parts[name] = verdicts(PARTS[name], counts[name], args.seed)
         sums = total(parts[name])
         tqdm.write(f"{name}: {sums['noticed']} of {sums['mutants']} noticed, {sums['by_cases']} of them by cases")
         for row in parts[name] if args.part else ():

@@ -13,7 +13,7 @@ from spec.config import TINY_EYES, TINY_V3
 from spec.constants import SUPER_TILES, SUPER_X, SUPER_Y
 from spec.errors import InputError
 from spec.joint import grid_origins
-from spec.memory import TILE_SETTING_BYTES, tile_setting
+from spec.memory import TILE_SETTING_BYTES, frame_pixel, tile_setting
 from tb.top.stimuli import camera_of, cloud
 
 ROOM = {"entries_beats": 4096, "spill_beats": 64}
@@ -66,6 +66,22 @@ def test_settings_and_regions_of_both_kinds_of_frames():
     plain = memory_image(TINY_V3, frame.source.words, r.source, **ROOM)
     assert one.contents.keys() == plain.contents.keys()
     assert all(np.array_equal(one.contents[name], plain.contents[name]) for name in plain.contents)
+
+
+def test_each_eye_is_read_from_its_place_in_a_dump(tmp_path):
+    frame = joint_frame(0)
+    image = memory_image(TINY_EYES, frame.source.words, frame.registers.source, second=frame.registers, **ROOM)
+    dump = np.random.default_rng(5).integers(0, 256, (image.frames.beats, 32), dtype=np.uint8)
+    dump.tofile(tmp_path / "frames.bin")
+    target = image.regions["target_frame"].base - image.regions["frame"].base
+    assert 0 < target < image.frames.beats
+    for found, first in ((image.frame(tmp_path / "frames.bin"), 0), (image.target_frame(tmp_path / "frames.bin"), target)):
+        pixels = dump[first:].reshape(-1, 16)
+        for y, x in ((0, 0), (20, 7), (49, 149)):
+            wanted = frame_pixel(TINY_EYES).unpack(int.from_bytes(pixels[150 * y + x].tobytes(), "little"))
+            assert all(getattr(found, name)[y, x].tolist() == wanted[name] for name in found._fields)
+    one = memory_image(TINY_EYES, frame.source.words, frame.registers.source, **ROOM)
+    assert one.target_frame(tmp_path / "frames.bin") is None
 
 
 def test_machines_without_joint_frames_refuse_them():

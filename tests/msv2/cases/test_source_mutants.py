@@ -128,8 +128,14 @@ def test_the_page_counts_by_module_and_lists_what_nothing_notices():
     assert "| spec/a.py:4 | Add to Sub |" in text
 
 
+def test_counts_are_of_one_part_or_of_each():
+    assert study.chosen_counts(["7", "golden=150"]) == {"spec": 7, "golden": 150}
+    assert study.chosen_counts(["spec=40"]) == {"spec": 40} and study.chosen_counts([]) == {}
+
+
 @pytest.mark.parametrize(("argv", "says"), [
-    (["--part", "golde"], "golde"), (["--seed", "-1"], "--seed -1"), (["--part", "spec", "--count", "0"], "0 mutants")])
+    (["--part", "golde"], "golde"), (["--seed", "-1"], "--seed -1"), (["--part", "spec", "--count", "0"], "0 mutants"),
+    (["--count", "many"], "--count many"), (["--count", "tests=3"], "tests")])
 def test_bad_requests_name_what_is_accepted(argv: list[str], says: str):
     with pytest.raises(InputError, match=says):
         study.main(argv)
