@@ -74,6 +74,33 @@ def test_constants_of_the_falloff():
     assert c.SH_C0 == pytest.approx(0.28209479177387814, abs=1e-16)
 
 
+def test_factors_of_harmonics_make_an_orthonormal_basis():
+    """Integrals over the sphere of products of two basis functions are 1 or 0; quadrature is exact for these degrees. The signs
+    are those of 3DGS: of each degree, functions of an odd order are negative."""
+    height, weight = np.polynomial.legendre.leggauss(8)
+    angle = np.arange(16) * 2 * np.pi / 16
+    z, turn = (each.ravel() for each in np.meshgrid(height, angle, indexing="ij"))
+    x, y = np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn)
+    xx, yy, zz = x * x, y * y, z * z
+    polynomials = [
+        np.ones_like(x), -y, z, -x, x * y, y * z, 2 * zz - xx - yy, x * z, xx - yy, y * (3 * xx - yy), x * y * z,
+        y * (4 * zz - xx - yy), z * (2 * zz - 3 * xx - 3 * yy), x * (4 * zz - xx - yy), z * (xx - yy), x * (xx - 3 * yy)]
+    factors = np.array([c.SH_C0, *[c.SH_C1] * 3, *c.SH_C2, *c.SH_C3])
+    basis = factors[:, None] * np.array(polynomials)
+    products = (basis * np.repeat(weight, 16) * 2 * np.pi / 16) @ basis.T
+    assert np.abs(products - np.eye(16)).max() < 1e-14
+    order = np.array([m for degree in (2, 3) for m in range(-degree, degree + 1)])
+    assert (np.sign(factors[4:]) == np.where(order % 2, -1, 1)).all()
+
+
+def test_what_3dgs_and_the_paper_prescribe():
+    """These numbers are shared by golden, RTL and oracle, so that no comparison of these would notice another value."""
+    assert (c.LOW_PASS, c.FRUSTUM_MARGIN, c.NEAR, c.SUPPORT_SIGMA) == (0.3, 1.3, 0.2, 3.0)
+    assert (c.ALPHA_MIN, c.ALPHA_MAX_L1, c.T_STOP) == (1 / 255, 0.99, 1e-4)
+    assert (c.TILE, c.MAX_LEVELS, c.MAX_SH_DEGREE) == (16, 4, 3)
+    assert (c.REGION_START_DEG, c.ECC_THRESHOLD_DEG, c.IPD_METRES) == ((0, 18, 27, 33), 18, 0.063)
+
+
 def test_derived_integers_from_decimal_arithmetic():
     cut = 1 << N.cut.frac_bits
     assert tables.log2_alpha_min(N) == round_half_up(-Decimal(255).ln() * LOG2E * cut)

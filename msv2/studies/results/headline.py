@@ -189,7 +189,7 @@ def _training(reports: Reports) -> Iterable[Row]:
     yield ("pruned and foveated over the dense model", f"{times:.1f}x",
            ", ".join(f"{row['cut_foveated']:.2f}x {name}" for row, name in zip(today, names, strict=True)),
            f"{_missed(name for row, name in zip(today, names, strict=True) if row['cut_foveated'] < times)}"
-           f"intersections, the paper's are seconds. Before, with fewer dense points, in cycles: {each(speed)}")
+           "intersections, the paper's are seconds")
 
 
 def _largest(rows: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
