@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spec.config import CONFIGS, DEFAULT, PAPER
-from spec.constants import MAX_LEVELS, TILE
+from spec.config import CONFIGS, DEFAULT, PAPER, TINY_EYES, TINY_V3
+from spec.constants import MAX_LEVELS, SUPER_X, SUPER_Y, TILE
 from spec.formats import SQ, UQ, SmallFloat
 from spec.records import (
     RECORDS,
     TILE_BITS,
     Field,
     Record,
+    frame_supertiles,
     gaussian_colour,
     gaussian_geometry,
     pixel_op,
@@ -100,3 +101,12 @@ def test_fields_reach_as_far_as_frames_do():
     assert names[:2] == ["tile_x", "tile_y"]
     assert all(f.doc for make in RECORDS for f in make(DEFAULT).fields)
     assert {f.name for f in pixel_op(DEFAULT).fields} >= {"exponent", "slope_x", "slope_y", "curve_xx", "curve_xy", "curve_yy"}
+
+
+@pytest.mark.parametrize("width", [16, 100, 128, 130, 512])
+@pytest.mark.parametrize("joint", [False, True])
+def test_super_tiles_of_the_largest_frame(width: int, joint: bool):
+    """They are counted pixel by pixel; a joint frame has one column more."""
+    config = (TINY_EYES if joint else TINY_V3).with_(row_width=width)
+    columns, rows = ({pixel // TILE // size for pixel in range(width)} for size in (SUPER_X, SUPER_Y))
+    assert frame_supertiles(config) == (len(columns) + joint) * len(rows)
