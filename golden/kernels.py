@@ -114,6 +114,8 @@ class LockedFile(caching.IndexDataCacheFile):
 
 
 class KernelCache(caching.Cache):
+    """The compiled code of one kernel, in the folder that its implementation's locator names."""
+
     _impl_class = _Implementation
 
     def __init__(self, py_func: Callable) -> None:

@@ -26,36 +26,32 @@ from golden import kernels
 from golden.kernels import KernelCache
 from spec.paths import ROOT, cache_folder
 
-_PLAIN = (numbers.Number, np.generic, str, bytes, bool, type(None), type(Ellipsis))
+_PLAIN = (numbers.Number, np.generic, str, bytes, type(None), type(Ellipsis))
 
 
-def content(function: FunctionType, options: object = ()) -> str:
-    """A hash of a function's byte code, of the values that it names, and of the functions that it calls.
-
-    Args:
-        function: the plain function of a kernel.
-        options: options of its compilation.
-    """
-    return hashlib.sha256("\n".join([repr(options), *_words(function, set())]).encode()).hexdigest()[:20]
+def content(function: FunctionType) -> str:
+    """A hash of the byte code of a kernel's plain function, of the values that it names, and of the functions that it calls.
+    The options of its own compilation do not count: mutants leave decorators alone."""
+    return hashlib.sha256("\n".join(_words(function, frozenset())).encode()).hexdigest()[:20]
 
 
-def _words(value: object, seen: set[int]) -> Iterator[str]:
-    """What determines a value, in words; what was described before is left out."""
+def _words(value: object, begun: frozenset[int]) -> Iterator[str]:
+    """What determines a value, in words; of functions that call each other, those in `begun` are being described already."""
     if isinstance(value, Dispatcher):
         yield repr(sorted(value.targetoptions.items()))
         value = value.py_func
     if isinstance(value, _PLAIN):
         yield f"{type(value).__name__} {value!r}"
-    elif id(value) in seen:
+    elif id(value) in begun:
         return
     elif isinstance(value, np.ndarray):
         yield f"{value.dtype} {value.shape} {hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()}"
     elif isinstance(value, tuple | list | frozenset):
         yield f"{type(value).__name__} {len(value)}"
         for item in value:
-            yield from _words(item, seen)
+            yield from _words(item, begun)
     elif isinstance(value, FunctionType) and _file(value) is not None:
-        yield from _of_function(value, seen | {id(value)})
+        yield from _of_function(value, begun | {id(value)})
     else:
         yield from _of_something(value)
 
@@ -69,32 +65,32 @@ def _of_something(value: object) -> Iterator[str]:
         yield path.read_text()
 
 
-def _of_function(function: FunctionType, seen: set[int]) -> Iterator[str]:
+def _of_function(function: FunctionType, begun: frozenset[int]) -> Iterator[str]:
     """The code, and what its names stand for; with the fields of the named tuples of the module, which arguments may be."""
     yield from _of_code(function.__code__)
     yield repr((function.__defaults__, function.__kwdefaults__))
     for cell in function.__closure__ or ():
-        yield from _words(cell.cell_contents, seen)
+        yield from _words(cell.cell_contents, begun)
     known = function.__globals__
     for name in sorted(_names(function.__code__)):
         if isinstance(known.get(name), ModuleType):
-            yield from _of_module(known[name], sorted(_names(function.__code__)), seen)
+            yield from _of_module(known[name], sorted(_names(function.__code__)), begun)
         elif name in known:
             yield name
-            yield from _words(known[name], seen)
+            yield from _words(known[name], begun)
     for name in sorted(known):
         if isinstance(known[name], type) and hasattr(known[name], "_fields"):
             yield f"{name} {known[name]._fields}"
 
 
-def _of_module(module: ModuleType, names: list[str], seen: set[int]) -> Iterator[str]:
+def _of_module(module: ModuleType, names: list[str], begun: frozenset[int]) -> Iterator[str]:
     """A module: if it is the project's, by all of its values that have one of the names."""
     yield module.__name__
     if _file(module) is not None:
         for name in names:
             if hasattr(module, name):
                 yield name
-                yield from _words(getattr(module, name), seen)
+                yield from _words(getattr(module, name), begun)
 
 
 def _of_code(code: CodeType) -> Iterator[str]:
