@@ -37,7 +37,7 @@ QUICK = LevelOptions(
 @pytest.fixture(scope="module")
 def scene() -> TrainingScene:
     """The embedded scene at 64x64, six training views."""
-    scene = load_training_scene("embedded", (64, 64))
+    scene = load_training_scene("embedded", (64, 64), views=24)
     return replace(scene, train=scene.train[::3])
 
 
