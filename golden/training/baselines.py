@@ -105,7 +105,8 @@ class SeparateOptions:
 
 
 class SeparateStage(Stage):
-    """One level of MMFR: L1 pruned by CE to a number of points, with all parameters trained on HVSQ at the level's pooling.
+    """One level of MMFR: L1 pruned to a number of points, by the criterion of our levels, with all parameters trained on HVSQ
+    at the level's pooling.
 
     Points are removed in equal shares over the first part of the training, so that training recovers from each loss before the
     next.
@@ -135,7 +136,8 @@ class SeparateStage(Stage):
             views_within(width * height, HVSQ_BYTES, options.memory))
         self._optimiser = Optimiser(base, dense_rates(1.0, scene.extent))
         self._scores = Scores(
-            "ce", [scene.cameras[view] for view in scene.train], share=options.share, alpha_max=self._alpha_max, seed=seed)
+            "removal", [scene.cameras[view] for view in scene.train], share=options.share, alpha_max=self._alpha_max,
+            seed=seed)
         self._points_at = _points_at(len(base), points, options)
 
     @property

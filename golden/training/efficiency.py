@@ -1,4 +1,5 @@
-"""Scores by which pruning ranks Gaussians: computational efficiency (paper section 3.2), and the field's earlier criteria.
+"""Scores by which pruning ranks Gaussians: what the images would lose without one, the paper's computational efficiency
+(section 3.2), and the field's earlier criteria.
 
 With every criterion, the Gaussians with the lowest score are pruned first. Criteria that are measured on views keep the score
 of each view or of each part of the views. So some of the views can be measured again after each part of a prune, while the
@@ -14,6 +15,7 @@ import numpy as np
 import torch
 
 from golden.diff.gaussians import Gaussians
+from golden.diff.removal import removal
 from golden.diff.render import Rendering, render
 from golden.diff.sensitivity import PLACED, sensitivity
 from golden.scenes.camera import Camera
@@ -23,8 +25,14 @@ from spec.constants import ALPHA_MAX_L1
 SENSITIVITIES = ("speedy", "pup")
 """Criteria that ask how much the images depend on a Gaussian: those of Speedy-Splat and of PUP 3D-GS."""
 
-CRITERIA = ("ce", "importance", "count", *SENSITIVITIES, "random")
-"""The criteria: Val / Comp; LightGaussian's significance; opacity; sensitivities; a random number."""
+REMOVALS = ("removal", "removal_per_tile")
+"""Criteria that ask what the images lose without a Gaussian: the squared change, summed over the pixels of all views, and the
+same over the number of tiles that use it. The latter is CE with what the image loses as its Val: of all Gaussians, those that
+cost the most intersections for the least error go first."""
+
+CRITERIA = ("ce", *REMOVALS, "importance", "count", *SENSITIVITIES, "random")
+"""The criteria: the paper's Val / Comp; what the images lose; LightGaussian's significance; opacity; sensitivities; a random
+number."""
 
 VOLUME_POWER = 0.1
 """Exponent of a Gaussian's volume in `importance`, with the value that LightGaussian's public code uses."""
@@ -150,6 +158,8 @@ class Scores:
             return torch.from_numpy(drawn).to(gaussians.device)
         if self.criterion in SENSITIVITIES:
             return self._sensitivities(gaussians, turn)
+        if self.criterion in REMOVALS:
+            return self._removals(gaussians, turn)
         if self._rows is None:
             self._rows = torch.zeros((len(self._cameras), len(gaussians)), device=gaussians.device)
             part = range(len(self._cameras))
@@ -162,6 +172,20 @@ class Scores:
         if self.criterion == "ce":
             return self._rows.amax(dim=0)
         return importance(self._rows.sum(dim=0), gaussians.log_scales.detach())
+
+    def _removals(self, gaussians: Gaussians, turn: int) -> torch.Tensor:
+        """The scores of REMOVALS. A row holds the sums over a part of the views: squared changes, and tiles."""
+        parts = [turn % self.share]
+        if self._rows is None:
+            self._rows = torch.zeros((self.share, 2, len(gaussians)), dtype=torch.float64, device=gaussians.device)
+            parts = range(self.share)
+        for part in parts:
+            self._rows[part] = 0
+            for view in range(part, len(self._cameras), self.share):
+                found = removal(gaussians, self._cameras[view], alpha_max=self._alpha_max)
+                self._rows[part].index_add_(1, found.index, torch.stack([found.change, found.tiles.double()]))
+        change, tiles = self._rows.sum(dim=0)
+        return change if self.criterion == "removal" else change / tiles.clamp(min=1)
 
     def _sensitivities(self, gaussians: Gaussians, turn: int) -> torch.Tensor:
         """The scores of SENSITIVITIES. A row holds the sums over a part of the views: 21 numbers of PUP's for each view
@@ -182,7 +206,7 @@ class Scores:
     def select(self, keep: torch.Tensor) -> None:
         """Removes the scores of pruned Gaussians; `keep` is (N,) bool or rows."""
         if self._rows is not None:
-            self._rows = self._rows[:, keep]
+            self._rows = self._rows[..., keep] if self.criterion in REMOVALS else self._rows[:, keep]
 
     def state(self) -> dict[str, object]:
         """Everything that `load` needs."""

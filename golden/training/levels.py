@@ -53,6 +53,7 @@ class LevelOptions:
         fraction: share of the points that is removed each time the gate passes. It is halved when a prune is undone, and
             doubled up to this value when the gate passes right after a prune.
         parts: number of parts in which a prune is made; scores are measured again before each.
+        criterion: one of `efficiency.CRITERIA`.
         share: number of parts in which training views are scored, see `Scores`.
         validation_views: largest number of views that the gate reads, evenly spread over the scene's validation views.
         poses: largest number of interpolated poses that the gate reads beside them, see `golden.training.poses`.
@@ -69,6 +70,7 @@ class LevelOptions:
     patience: int = 6
     fraction: float = 0.10
     parts: int = 5
+    criterion: str = "removal"
     share: int = 5
     validation_views: int = 8
     poses: int = 16
@@ -100,7 +102,7 @@ class LevelCheck:
             pooling 1, to which MARGIN standard errors are added; or the same over the interpolated poses, if it is larger. To a
             pose's HVSQ against the dense model, that model's own HVSQ on the validation photographs is added.
         target: the largest accepted `hvsq`.
-        entries: mean number of intersections in a frame of the gate's views.
+        entries: mean number of intersections in a frame of the gate's views; of its photographs where these fail.
         passed: whether `hvsq` is at most `target`.
     """
 
@@ -172,7 +174,7 @@ class LevelStage(Stage):
             model.level(level - 1), options.rate_opacity, options.rate_sh_dc,
             options.rate_log_amp if options.opacity_enhancement else None)
         cameras = [scene.cameras[view] for view in scene.train]
-        self._scores = Scores("ce", cameras, share=options.share, alpha_max=self._alpha_max, seed=seed)
+        self._scores = Scores(options.criterion, cameras, share=options.share, alpha_max=self._alpha_max, seed=seed)
         self._fraction, self._failures, self._next_gate = options.fraction, 0, 0
         self._best: dict[str, object] | None = None
 
@@ -253,16 +255,24 @@ class LevelStage(Stage):
         return float(values.mean())
 
     def _look(self) -> LevelCheck:
-        values, entries = view_hvsq(self.gaussians, self._judged, self._gate_views, self._hvsq, self._alpha_max)
-        values = values + self._missing
-        hvsq = float(values[: self._photographs].mean())
-        if self.target > 0 and self._targets.all():
-            ratios = values / self._targets
-            both = (ratios[: self._photographs], ratios[self._photographs :])
-            hvsq = self.target * max(_cautious_mean(each) for each in both if len(each))
+        """Checks the gate. The photographs, which are fewer, come first: where they fail, no pose is rendered."""
+        count = self._photographs
+        hvsq, entries = self._judge(slice(0, count))
+        if hvsq <= self.target and count < len(self._gate_views):
+            of_poses, more = self._judge(slice(count, None))
+            entries += (more - entries) * (1 - count / len(self._gate_views))
+            hvsq = max(hvsq, of_poses)
         check = LevelCheck(self.done, len(self.gaussians), hvsq, self.target, entries, hvsq <= self.target)
         self.history.append(check)
         return check
+
+    def _judge(self, part: slice) -> tuple[float, float]:
+        """The HVSQ that is compared with the target, of a part of the gate's views, and their mean number of intersections."""
+        values, entries = view_hvsq(self.gaussians, self._judged, self._gate_views[part], self._hvsq, self._alpha_max)
+        values = values + self._missing[part]
+        if self.target > 0 and self._targets.all():
+            return self.target * _cautious_mean(values / self._targets[part]), entries
+        return float(values.mean()), entries
 
     def _finish(self) -> dict[str, float]:
         """Restores the best passing level and trims it; if none ever passed, the level stays as training left it."""

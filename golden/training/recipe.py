@@ -21,7 +21,7 @@ from golden.training.level_quality import Levels
 from golden.training.levels import LevelOptions, LevelStage
 from golden.training.minisplatting import BLURRED, REINITIALISED
 from golden.training.one_shot import OneShotOptions, OneShotStage
-from golden.training.prune_baselines import baseline_stage
+from golden.training.prune_baselines import PAPER, baseline_stage
 from golden.training.pruning import QUALITY_LOSS, PruneOptions, PruneStage
 from golden.training.scene import TrainingScene
 from golden.training.stage import Stage
@@ -32,7 +32,7 @@ VARIANTS = tuple(QUALITY_LOSS)
 FOVEATED_BASELINES = ("smfr", "mmfr")
 PRUNING_BASELINES = ("count", "importance", "speedy", "pup", "compact")
 ONE_SHOT = "lightgs"
-BASELINES = (*FOVEATED_BASELINES, *PRUNING_BASELINES, ONE_SHOT)
+BASELINES = (PAPER, *FOVEATED_BASELINES, *PRUNING_BASELINES, ONE_SHOT)
 
 RESULTS = (FoveatedModel, Version, SeparateModels)
 """Classes, beside Gaussians, of the stages' results."""
@@ -213,7 +213,7 @@ class _Makers:
     def prune(self, results: dict[str, Any]) -> Stage:
         dense, recipe = results["dense"].to(self.device), self.recipe
         options = recipe.prune_options()
-        if recipe.baseline in PRUNING_BASELINES:
+        if recipe.baseline in (PAPER, *PRUNING_BASELINES):
             return baseline_stage(recipe.baseline, self.scene, dense, recipe.variant, options, seed=self.seed)
         return PruneStage(self.scene, dense, recipe.variant, options, seed=self.seed)
 
@@ -235,6 +235,8 @@ class _Makers:
             iterations = self.recipe.budget(f"level{level + 1}")
             options = LevelOptions(
                 iterations=iterations, opacity_enhancement=self.recipe.enhancement, pooling=self.recipe.pooling)
+            if self.recipe.baseline == PAPER:
+                options = replace(options, criterion=PAPER)
             dense = results["dense"].to(self.device)
             return LevelStage(self.scene, before.to(self.device), level, options, self.seed, posed=dense)
 

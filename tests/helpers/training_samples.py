@@ -35,6 +35,25 @@ def round_gaussians(rows: list[tuple[float, float, float, float, float]]) -> Gau
         torch.logit(opacity), torch.zeros(n), torch.zeros(n, 3), torch.zeros(n, 0, 3))
 
 
+def crowd(seed: int = 3, count: int = 9) -> Gaussians:
+    """Gaussians of all orientations that overlap each other, with harmonics; one is so opaque that its alpha is clipped, one is
+    behind the camera."""
+    random = np.random.default_rng(seed)
+    z = random.uniform(2.0, 4.0, count)
+    means = np.stack([z * random.uniform(-0.3, 0.3, count), z * random.uniform(-0.25, 0.25, count), z], 1)
+    means[-1, 2] = -3.0
+    opacity = random.uniform(-1.0, 2.0, count)
+    opacity[0] = 9.0
+
+    def tensor(values) -> torch.Tensor:
+        return torch.tensor(values, dtype=torch.float32)
+
+    return Gaussians(
+        tensor(means), tensor(random.uniform(-2.5, -1.0, (count, 3))), tensor(random.standard_normal((count, 4))),
+        tensor(opacity), torch.zeros(count), tensor(random.uniform(-0.5, 1.0, (count, 3))),
+        tensor(0.3 * random.standard_normal((count, 8, 3))))
+
+
 class _Guarded(tuple):
     """Cameras of which the forbidden ones may not be looked at."""
 

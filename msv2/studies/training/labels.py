@@ -30,10 +30,11 @@ PAPER_SIZE_PERCENT = {DENSE: 100.0, PRUNED: 15.0, FOVEATED: 16.0}
 """The paper's model sizes, in percent of the dense model's."""
 
 CRITERION_LABELS = {
-    "ce": "CE", "importance": "importance (LightGS)", "count": "count (opacity)", "speedy": "sensitivity (Speedy-Splat)",
-    "pup": "log det of Fisher (PUP 3D-GS)", "compact": "learned masks (Compact3DGS)", "random": "random"}
+    "removal_per_tile": "change per tile", "ce": "CE", "importance": "importance (LightGS)", "count": "count (opacity)",
+    "speedy": "sensitivity (Speedy-Splat)", "pup": "log det of Fisher (PUP 3D-GS)", "compact": "learned masks (Compact3DGS)",
+    "random": "random"}
 
-PUBLISHED = ("count", "importance", "speedy", "pup", "compact")
+PUBLISHED = ("ce", "count", "importance", "speedy", "pup", "compact")
 """The methods of others that ours is to need fewer intersections than, at equal PSNR."""
 
 TARGET_DENSE_PSNR = {"fern": 22.0, "bonsai": 27.0}

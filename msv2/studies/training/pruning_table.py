@@ -10,16 +10,13 @@ import numpy as np
 
 from golden.diff.gaussians import Gaussians, to_model
 from golden.training.evaluate import evaluate
-from golden.training.pruning import gate_views
+from golden.training.pruning import OURS, gate_views
 from msv2.studies.training.frame_work import UP, FrameWork, whole_frame_work
 from msv2.studies.training.square_lists import square_intersections
 from msv2.studies.training.table_runs import Trained, prune_stages, tuned_stage
 
 if TYPE_CHECKING:
     from golden.training.scene import TrainingScene
-
-OURS = "ce"
-"""The criterion of our pruning loops."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from golden.training.baselines import SeparateModels, smfr
 from golden.training.chain import Planned
 from golden.training.foveated import FoveatedModel
 from golden.training.prune_baselines import BASELINES, baseline_stage
-from golden.training.pruning import PruneStage
+from golden.training.pruning import OURS, PruneStage
 from golden.training.recipe import VARIANTS, Recipe, plan
 from golden.training.scene import TrainingScene
 from msv2.studies.training.level_curves import LevelCurve, level_curves
@@ -127,7 +127,7 @@ def part_plan(part: str, recipe: Recipe, scene: TrainingScene, device: str, befo
 
 def prune_stages(recipe: Recipe) -> dict[tuple[str, str], str]:
     """Names of the pruning loops by criterion and variant. The recipe's loop is `prune`; other names follow from both."""
-    ours = {("ce", variant): "prune" if variant == recipe.variant else f"prune-{variant}" for variant in VARIANTS}
+    ours = {(OURS, variant): "prune" if variant == recipe.variant else f"prune-{variant}" for variant in VARIANTS}
     return ours | {(criterion, recipe.variant): f"prune-{criterion}" for criterion in BASELINES}
 
 

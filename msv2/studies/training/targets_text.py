@@ -33,7 +33,7 @@ def _pruning(rows: Sequence[Mapping[str, Any]]) -> Iterator[Row]:
             for asked, measured, good in own_targets(row):
                 yield f"L1 of {row['variant']}: {asked}", measured, reached(good)
     for row in rows:
-        if row["criterion"] in labels.PUBLISHED:
+        if row["criterion"] in labels.PUBLISHED and row["equal"] is not None:
             asked, measured, good = equal_target(row)
             yield f"{asked} than by {labels.CRITERION_LABELS[row['criterion']]}", measured, reached(good)
 

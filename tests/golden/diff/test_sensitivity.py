@@ -10,32 +10,13 @@ from golden.diff.reference import render as reference_render  # noqa: E402
 from golden.diff.sensitivity import sensitivity  # noqa: E402
 from golden.scenes.camera import Camera  # noqa: E402
 from tests.helpers.training_dense_compositor import project  # noqa: E402
-from tests.helpers.training_samples import forward_camera, pixels_covered, round_gaussians  # noqa: E402
+from tests.helpers.training_samples import crowd, forward_camera, pixels_covered, round_gaussians  # noqa: E402
 
 BACKGROUND = (0.2, 0.5, 0.1)
 CAMERA = Camera(np.eye(3), np.zeros(3), 40.0, 36.0, 12.0, 9.0, 25, 19)
 """25x19 pixels: two tiles each way, the last ones cut by the frame."""
 
 ALPHA_MAX = 0.99
-
-
-def crowd(seed: int = 3, count: int = 9) -> Gaussians:
-    """Gaussians of all orientations that overlap each other, with harmonics; one is so opaque that its alpha is clipped, one is
-    behind the camera."""
-    random = np.random.default_rng(seed)
-    z = random.uniform(2.0, 4.0, count)
-    means = np.stack([z * random.uniform(-0.3, 0.3, count), z * random.uniform(-0.25, 0.25, count), z], 1)
-    means[-1, 2] = -3.0
-    opacity = random.uniform(-1.0, 2.0, count)
-    opacity[0] = 9.0
-
-    def tensor(values) -> torch.Tensor:
-        return torch.tensor(values, dtype=torch.float32)
-
-    return Gaussians(
-        tensor(means), tensor(random.uniform(-2.5, -1.0, (count, 3))), tensor(random.standard_normal((count, 4))),
-        tensor(opacity), torch.zeros(count), tensor(random.uniform(-0.5, 1.0, (count, 3))),
-        tensor(0.3 * random.standard_normal((count, 8, 3))))
 
 
 def pixel_gradients(gaussians: Gaussians) -> tuple[torch.Tensor, ...]:

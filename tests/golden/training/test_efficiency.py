@@ -8,6 +8,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
+from golden.diff.removal import removal  # noqa: E402
 from golden.diff.render import render  # noqa: E402
 from golden.diff.sensitivity import sensitivity  # noqa: E402
 from golden.training.efficiency import (  # noqa: E402
@@ -143,7 +144,19 @@ def test_pup_is_the_log_determinant_over_views():
     assert pup(halves[:, UPPER[0], UPPER[1]]).tolist() == pytest.approx([0.0, 6 * math.log(0.5)])
 
 
-@pytest.mark.parametrize("criterion", ["speedy", "pup"])
+def test_removals_are_sums_over_the_views_and_the_tiles_that_pay():
+    gaussians, cameras = round_gaussians(BALLS), views_of(forward_camera())
+    each = [removal(gaussians, camera) for camera in cameras]
+    change, tiles = torch.zeros(len(BALLS), dtype=torch.float64), torch.zeros(len(BALLS), dtype=torch.float64)
+    for found in each:
+        change[found.index] += found.change
+        tiles[found.index] += found.tiles
+    assert tiles.max() > len(cameras) and (tiles == 0).any()
+    assert torch.equal(Scores("removal", cameras).measure(gaussians), change)
+    assert torch.equal(Scores("removal_per_tile", cameras).measure(gaussians), change / tiles.clamp(min=1))
+
+
+@pytest.mark.parametrize("criterion", ["speedy", "pup", "removal", "removal_per_tile"])
 def test_sensitivities_measured_in_parts_are_those_measured_at_once(criterion):
     gaussians, cameras = round_gaussians(BALLS[:BEHIND]), views_of(forward_camera())
     expected = Scores(criterion, cameras).measure(gaussians)

@@ -229,10 +229,15 @@ def test_options_refuse(changes, message):
 def test_stages_refuse(scene, dense):
     with pytest.raises(ValueError, match="'X'"):
         PruneStage(scene, dense, "X")
-    with pytest.raises(ValueError, match="'ce'"):
-        baseline_stage("ce", scene, dense)
+    with pytest.raises(ValueError, match="'removal'"):
+        baseline_stage("removal", scene, dense)
     with pytest.raises(ValueError, match="0 and 100"):
         FineTuneStage(scene, dense, iterations=0)
+
+
+def test_the_papers_criterion_keeps_scale_decay(scene, dense):
+    stage = run(baseline_stage("ce", scene, dense, "L", replace(QUICK, iterations=6)))
+    assert stage.options.criterion == "ce" and max(row.gamma for row in stage.history) > 0
 
 
 @pytest.mark.parametrize("criterion", ["count", "importance", "speedy", "pup", "random"])

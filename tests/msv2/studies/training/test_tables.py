@@ -17,6 +17,7 @@ from golden.training.chain import Planned  # noqa: E402
 from golden.training.evaluate import evaluate  # noqa: E402
 from golden.training.masks import WAIT, WEIGHT  # noqa: E402
 from golden.training.prune_baselines import BASELINES as CRITERIA  # noqa: E402
+from golden.training.pruning import OURS  # noqa: E402
 from golden.training.recipe import ReadyStage, Recipe  # noqa: E402
 from msv2.studies.training import (  # noqa: E402
     ablation,
@@ -187,7 +188,8 @@ def test_loops_share_gate_interval_and_iterations(scene, dense):
     stages = {stage.name: stage for part in ("scale-decay", "pruning")
               for stage in table_runs.part_plan(part, RECIPE, scene, "cpu", before)}
     changes = {"scale-decay": {"criterion": None}, "prune-M": {}, "prune-L": {}} | {
-        f"prune-{name}": {"criterion": name, "scale_decay": False} for name in CRITERIA if name != "compact"}
+        f"prune-{name}": {"criterion": name, "scale_decay": False} for name in CRITERIA if name not in ("ce", "compact")}
+    changes["prune-ce"] = {"criterion": "ce"}
     changes["prune-compact"] = {"criterion": None, "interval": WAIT, "recovery": options.interval, "gamma_first": WEIGHT}
     for name, changed in changes.items():
         stage = stages[name].make({})
@@ -297,13 +299,13 @@ def test_verdicts_follow_the_numbers(scene, dense):
     rows = [row.record(first) for rows in [pruning_table.pruning_rows(replace(scene, test=scene.test[:1]), same)]
             for first in rows[:1] for row in rows]
     assert [(row["criterion"], row["variant"], row["tuned"]) for row in rows] == [
-        (None, None, False), ("ce", "H", False), ("ce", "H", True), ("ce", "M", False), ("ce", "M", True), ("ce", "L", False),
-        ("ce", "L", True), *((name, "H", False) for name in CRITERIA)]
+        (None, None, False), (OURS, "H", False), (OURS, "H", True), (OURS, "M", False), (OURS, "M", True), (OURS, "L", False),
+        (OURS, "L", True), *((name, "H", False) for name in CRITERIA)]
     told = {what: verdict for what, _, verdict in targets_rows({"scene": "x", "pruning": rows})}
     assert told["L1 of H: PSNR >= 99 % of dense"] == "reached"
     assert told["L1 of H: intersections cut >= 3 times"] == "missed"
     assert [verdict for what, verdict in told.items() if "equal PSNR than by" in what] == [
-        "reached", "missed", "reached", "reached", "reached"]
+        "reached", "reached", "missed", "reached", "reached", "reached"]
     assert rows[1]["cut_squares"] == 1.0 and rows[3]["cut_squares"] > 1.0 and rows[0]["squares"] > rows[0]["frame"]["entries"]
     assert rows[1]["cut"] == 1.0 and rows[3]["cut"] > 1.0 and rows[4]["points_percent"] == pytest.approx(200 / 3)
 
