@@ -33,8 +33,9 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add("--variant", default="H", metavar="H|M|L", help="quality L1 may lose: 1, 2 or 3 %% of the dense model's (default: H)")
     add("--from", dest="source", metavar="DENSE.PLY",
         help="start from this trained model, or from the dense model of the run in this folder, instead of dense training")
-    add("--baseline", metavar="smfr|mmfr|count|importance|speedy|pup|compact|lightgs",
-        help="levels as random subsets (smfr) or separate models (mmfr); or one level, pruned in the same loop by opacity "
+    add("--baseline", metavar="ce|smfr|mmfr|count|importance|speedy|pup|compact|lightgs",
+        help="points ranked by the paper's computational efficiency, in all levels (ce); levels as random subsets (smfr) or "
+             "separate models (mmfr); or one level, pruned in the same loop by opacity "
              "(count), by LightGaussian's importance, by the scores of Speedy-Splat (speedy) or PUP 3D-GS (pup), or by learned "
              "masks as in Compact3DGS (compact); or pruned at once and distilled as LightGaussian does (lightgs)")
     add("--dense", default="adc", metavar="adc|minisplatting", help="dense training: 3DGS's density control, or with "

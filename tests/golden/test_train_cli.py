@@ -187,8 +187,8 @@ def inria_folder_of_two(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize(("argv", "message"), [
     (["--variant", "X"], "variant 'X' is not accepted: choose one of H, M, L"),
-    (["--baseline", "best"], "baseline 'best' is not accepted: choose one of smfr, mmfr, count, importance, speedy, "
-     "pup, compact, lightgs"),
+    (["--baseline", "best"], "baseline 'best' is not accepted: choose one of ce, smfr, mmfr, count, importance, "
+     "speedy, pup, compact, lightgs"),
     (["--size", "64"], "size '64'"), (["--size", "16x16"], "size 16x16"), (["--iterations", "0"], "iterations 0"),
     (["--iterations", "19"], "iterations 19 is not accepted: 20 or more is"), (["--max-points", "3"], "max-points 3"),
     (["--gate", "ssim"], "gate 'ssim' is not accepted: choose one of psnr, both"),
@@ -237,6 +237,11 @@ def test_recipes(tmp_path):
     assert names(replace(default, baseline="lightgs")) == ours[:2]
     assert names(replace(default, baseline="smfr")) == [*ours, "smfr"]
     assert names(replace(default, baseline="mmfr")) == [*ours, "separate2", "separate3", "separate4"]
+    paper = replace(default, baseline="ce")
+    assert names(paper) == ours and [
+        stage.make({name: scene_model() for name in ("dense", "finetune")}).options.criterion
+        for recipe in (default, paper) for stage in plan(recipe, scene, "cpu") if stage.name in ("prune", "level2")] == [
+        "removal_per_tile", "removal", "ce", "ce"]
     assert sum(stage.total for stage in plan(default, scene, "cpu")) == 1000
     assert all(stage.total >= 1 for stage in plan(replace(default, iterations=20), scene, "cpu"))
     assert [run_module.run_name("fern", r) for r in (
