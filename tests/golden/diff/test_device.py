@@ -1,13 +1,14 @@
 """What `--device` names, and what is said where it cannot be had."""
 
 import importlib.util
+import os
 import sys
 
 import pytest
 
 torch = pytest.importorskip("torch")
 
-from golden.diff import device  # noqa: E402
+from golden.diff import device, import_torch  # noqa: E402
 from golden.diff.projection import project_torch  # noqa: E402
 from golden.diff.render import render  # noqa: E402
 from golden.metrics.hvsq import Hvsq  # noqa: E402
@@ -99,3 +100,11 @@ def test_projection_and_optimiser_stay_on_their_device(monkeypatch):
     assert gradients and all(gradient.device.type == "meta" for gradient in gradients)
     optimiser.append(gaussians)
     assert {tensor.device.type for tensor in (*vars(splats).values(), *optimiser.gaussians.tensors().values())} == {"meta"}
+
+
+@pytest.mark.parametrize(("given", "expected"), [
+    ({}, "1000"), ({"GOMP_SPINCOUNT": "7"}, "7"), ({"OMP_WAIT_POLICY": "ACTIVE"}, None)])
+def test_idle_threads_sleep_unless_the_environment_says_otherwise(monkeypatch, given, expected):
+    monkeypatch.setattr(os, "environ", dict(given))
+    import_torch()
+    assert os.environ.get("GOMP_SPINCOUNT") == expected
