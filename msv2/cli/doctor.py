@@ -78,6 +78,7 @@ OPTIONAL_PACKAGES: tuple[tuple[str, str], ...] = (
     ("distributed", "study tradeoff on a Dask cluster"),
     ("viser", "view"),
     ("lpips", "LPIPS, an outside judge of pictures, in reports of training"),
+    ("pyfvvdp", "study judge; its licence CC BY-NC 4.0 forbids commercial use"),
     ("odak", "the tests of metrics against other implementations"),
     ("mkdocs", "docs --site"),
     ("pytest", "the tests"),

@@ -152,6 +152,9 @@ STUDIES = (
           (Report("--keep", ("docs/gallery.md", *(f"docs/images/{name}" for name in (
               "foveated.png", "renderers.png", "film.webp", "film.png", *(
                   f"gallery_{name}.jpg" for name in ("plain", "foveated", "levels", "depth", "stereo", "error"))))), 0.5),)),
+    Study("judge", "msv2.studies.training.judge_study", "what FovVideoVDP says of trained models: frames and levels",
+          (Report("build/train/bonsai build/train/fern --keep", _files("judge", "json", "md"), 0.5,
+                  f"runs in build/train, pyfvvdp, {SCENES}"),)),
     Study("latencies", "msv2.studies.latencies.study", "latencies of the RTL's units, in Amaranth's simulator",
           (Report("--keep", ("latencies.json",), 3),)),
     Study("machine", "msv2.studies.results.study", "cycles of the machine with and without merging and pipelining",
