@@ -24,9 +24,11 @@ from golden.training.level_quality import Levels, centre_foveation
 from golden.training.recipe import levels_of
 from golden.training.run import chosen_scene
 from golden.training.scene import TrainingScene
-from msv2.studies.training.judge_study import NAMED
 from spec.constants import ALPHA_MAX_L1, DISPLAY_FOV_DEG, REGION_START_DEG
 from spec.errors import InputError
+
+NAMED = ("scene", "size", "variant", "baseline", "seed")
+"""What tells rows apart."""
 
 
 def distance_px(width: int = FULL_WIDTH, fov_deg: float = DISPLAY_FOV_DEG) -> float:

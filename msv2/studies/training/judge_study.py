@@ -23,9 +23,6 @@ from spec.constants import REGION_START_DEG
 from spec.errors import run_command_line
 from spec.paths import REPORTS
 
-NAMED = ("scene", "size", "variant", "baseline", "seed")
-"""What tells rows apart."""
-
 
 def page(rows: Sequence[Mapping[str, Any]]) -> str:
     """The report as a page."""
@@ -59,7 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--add", action="store_true", help="leave the report's rows of other runs in it")
     args = parser.parse_args(argv)
     import_torch()
-    from msv2.studies.training.judge import row_of
+    from msv2.studies.training.judge import NAMED, row_of
 
     path, folders = REPORTS / "judge.json", args.runs
     found = [row_of(folder) for folder in folders]
