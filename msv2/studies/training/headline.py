@@ -69,9 +69,10 @@ def rows(reports: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _others(old: Sequence[dict[str, Any]], new: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """The old rows that no new one replaces."""
-    named = [[row[name] for name in NAMED] for row in new]
-    return [row for row in old if [row[name] for name in NAMED] not in named]
+    """The old rows that no new one replaces; a new one also replaces one with another number of iterations."""
+    same = [name for name in NAMED if name != "iterations"]
+    named = [[row[name] for name in same] for row in new]
+    return [row for row in old if [row[name] for name in same] not in named]
 
 
 def text(found: Sequence[Mapping[str, Any]]) -> str:

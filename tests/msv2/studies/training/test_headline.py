@@ -74,4 +74,7 @@ def test_added_rows_replace_only_their_own(tmp_path, monkeypatch):
     assert wrote(report(scene="fern"), report(), added=True) == both[::-1]  # nothing is kept yet
     assert wrote(report(variant="M"), added=True) == [both[0], ("bonsai", "M", [0]), both[1]]
     assert wrote(report(seed=4), added=True) == [("bonsai", "H", [4]), ("bonsai", "M", [0]), both[1]]
+    longer = report(seed=5)
+    longer["options"]["iterations"] *= 2  # a row of fewer iterations is not kept beside it
+    assert wrote(longer, added=True) == [("bonsai", "H", [5]), ("bonsai", "M", [0]), both[1]]
     assert wrote(report(), added=False) == both[:1]
