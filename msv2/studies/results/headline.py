@@ -184,7 +184,7 @@ def _training(reports: Reports) -> Iterable[Row]:
     yield ("model left by pruning, of the dense one", f"{size:g} %",
            ", ".join(f"{100 * row['l1_points_of_dense']:.1f} % {name}" for row, name in zip(today, names, strict=True)),
            f"{_missed(name for row, name in zip(today, names, strict=True) if _falls_short(row, size))}"
-           f"at {100 * min(row['l1_psnr_share'] for row in today):.1f} % of the dense PSNR (H: {least:g} %); "
+           f"at {100 * min(row['l1_psnr_share'] for row in today):.2f} % of the dense PSNR (H: {least:g} %); "
            f"{_seeds(min(len(row['seeds']) for row in today))}")
     yield ("pruned and foveated over the dense model", f"{times:.1f}x",
            ", ".join(f"{row['cut_foveated']:.2f}x {name}" for row, name in zip(today, names, strict=True)),
