@@ -130,7 +130,7 @@ def _squares(
 
 
 @kernel
-def _reduce(_slice, begin, end, order, room, of_pair, result):
+def sum_pairs(_slice, begin, end, order, room, of_pair, result):
     """Sums the intersections of each splat in a fixed order, so that the number of threads changes nothing."""
     for k in range(begin, end):
         i = order[k]
@@ -151,5 +151,5 @@ def squares(blending: Blending, products: bool = True) -> np.ndarray:
     run_slices(_squares, len(blending.used), lists.start, lists.splat, lists.pair, blending.table, blending.opacity,
                blending.alpha_max, blending.background, blending.tiles_x, blending.used, *blending.size, of_pair)
     result = np.empty((count, of_pair.shape[1]))
-    run_slices(_reduce, count, lists.order, lists.room, of_pair, result)
+    run_slices(sum_pairs, count, lists.order, lists.room, of_pair, result)
     return result

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 
 from golden.diff.blend_rows import BLOCK, HALF, F, clear, kernel, replay, scratch, set_up
+from golden.diff.blend_squares import sum_pairs
 from golden.diff.gaussians import Gaussians
 from golden.diff.projection import project
 from golden.diff.sensitivity import blended
@@ -63,16 +64,6 @@ def _changes(_slice, begin, end, start, splat, number, table, alpha_max, backgro
             changes[numbers[n]] = F(0)
 
 
-@kernel
-def _reduce(_slice, begin, end, order, room, of_pair, result):
-    """Sums the intersections of each splat in a fixed order, so that the number of threads changes nothing."""
-    for k in range(begin, end):
-        i = order[k]
-        result[i] = 0.0
-        for p in range(room[k], room[k + 1]):
-            result[i] += of_pair[p]
-
-
 @dataclass(frozen=True)
 class Removal:
     """What leaving out one Gaussian changes in one image, for M projected Gaussians.
@@ -105,6 +96,6 @@ def removal(
     of_pair, change = np.empty(len(lists.splat), np.float32), np.empty(count)
     run_slices(_changes, len(blending.used), lists.start, lists.splat, lists.pair, blending.table, blending.alpha_max,
                blending.background, blending.tiles_x, blending.used, *blending.size, of_pair)
-    run_slices(_reduce, count, lists.order, lists.room, of_pair, change)
+    run_slices(sum_pairs, count, lists.order, lists.room, of_pair, change)
     return Removal(*(found.to(device) for found in (
         splats.index, torch.from_numpy(change), torch.from_numpy(blending.tiles))))
