@@ -12,7 +12,7 @@ import sysconfig
 import venv
 from pathlib import Path
 
-NEEDS_TORCH = ("torch", "torchvision", "torchgen", "functorch", "gsplat", "odak", "lpips", "nvidia", "triton")
+NEEDS_TORCH = ("torch", "torchvision", "torchgen", "functorch", "gsplat", "odak", "lpips", "pyfvvdp", "nvidia", "triton")
 """Packages that are left out: torch, what it brings, and what imports it."""
 
 
