@@ -27,7 +27,7 @@ from golden.diff.blend_rows import (
     kernel,
     last_used,
     live_rows,
-    replay,
+    replay_tile,
     row_of,
     scratch,
     set_up,
@@ -227,11 +227,9 @@ def _backward(
     height, width = g_far.shape
     for tile in range(begin, end):
         tile_y, tile_x = tile // tiles_x, tile % tiles_x
-        left, top = F(tile_x * TILE) + HALF, F(tile_y * TILE) + HALF
-        clear(light, tile_x, tile_y, width, height)
         splats = splat[start[tile] : start[tile] + used[tile]]
-        records, row_of_record = replay(
-            splats, left, top, table, alpha_max, light, pairs, live, records, row_of_record, first_record)
+        left, top, records, row_of_record = replay_tile(
+            tile, tiles_x, width, height, splats, table, alpha_max, light, pairs, live, records, row_of_record, first_record)
         _load_gradients(rows, tile_x, tile_y, background, g_image, g_far, g_light)
         numbers = number[start[tile] : start[tile + 1]]
         _back(splats, numbers, left, top, table, alpha_max, rows, pairs, records, row_of_record, first_record, geometry, sums,

@@ -155,6 +155,19 @@ def replay(splats, left, top, table, alpha_max, light, pairs, live, records, row
 
 
 @kernel
+def replay_tile(
+    tile, tiles_x, width, height, splats, table, alpha_max, light, pairs, live, records, row_of_record, first_record
+):
+    """Replays the tile with this number from its start; returns the centre of its first pixel, and what `replay` returns."""
+    tile_y, tile_x = tile // tiles_x, tile % tiles_x
+    left, top = F(tile_x * TILE) + HALF, F(tile_y * TILE) + HALF
+    clear(light, tile_x, tile_y, width, height)
+    records, row_of_record = replay(
+        splats, left, top, table, alpha_max, light, pairs, live, records, row_of_record, first_record)
+    return left, top, records, row_of_record
+
+
+@kernel
 def scratch(used):
     """Buffers for replays: transmittance, intersections, live rows, records, their rows, and the first record of each
     intersection."""

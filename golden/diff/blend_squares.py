@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from golden.diff.blend_cpu import Blending
-from golden.diff.blend_rows import BLOCK, HALF, SCALE, F, clear, kernel, replay, scratch, set_up
+from golden.diff.blend_rows import BLOCK, SCALE, kernel, replay_tile, scratch, set_up
 from golden.diff.slices import run_slices
 from spec.constants import TILE
 
@@ -114,13 +114,10 @@ def _squares(
     light, pairs, live, records, row_of_record, first_record = scratch(used[begin:end])
     sums, behind = np.empty((result.shape[1], TILE), np.float64), np.empty((3, TILE, TILE), np.float64)
     for tile in range(begin, end):
-        tile_y, tile_x = tile // tiles_x, tile % tiles_x
-        left, top = F(tile_x * TILE) + HALF, F(tile_y * TILE) + HALF
-        clear(light, tile_x, tile_y, width, height)
         splats = splat[start[tile] : start[tile] + used[tile]]
         numbers = number[start[tile] : start[tile + 1]]
-        records, row_of_record = replay(
-            splats, left, top, table, alpha_max, light, pairs, live, records, row_of_record, first_record)
+        left, top, records, row_of_record = replay_tile(
+            tile, tiles_x, width, height, splats, table, alpha_max, light, pairs, live, records, row_of_record, first_record)
         for c in range(3):
             behind[c] = background[c]
         _tile(splats, numbers, left, top, table, opacities, alpha_max, behind, pairs, records, row_of_record, first_record,

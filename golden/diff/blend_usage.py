@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from golden.diff.blend_rows import HALF, ZERO, F, clear, kernel, replay, scratch
+from golden.diff.blend_rows import ZERO, F, kernel, replay_tile, scratch
 from golden.diff.pairs import TileLists
 from golden.diff.slices import run_slices
 from spec.constants import TILE
@@ -19,12 +19,9 @@ def _usage(
     light, pairs, live, records, row_of_record, first_record = scratch(used[begin:end])
     largest = np.empty((TILE, TILE), np.float32)
     for tile in range(begin, end):
-        tile_y, tile_x = tile // tiles_x, tile % tiles_x
-        left, top = F(tile_x * TILE) + HALF, F(tile_y * TILE) + HALF
-        clear(light, tile_x, tile_y, width, height)
         splats, first = splat[start[tile] : start[tile] + used[tile]], start[tile]
-        records, row_of_record = replay(
-            splats, left, top, table, alpha_max, light, pairs, live, records, row_of_record, first_record)
+        _, _, records, row_of_record = replay_tile(
+            tile, tiles_x, width, height, splats, table, alpha_max, light, pairs, live, records, row_of_record, first_record)
         largest[:] = ZERO
         for n in range(used[tile]):
             total = ZERO

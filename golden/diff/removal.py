@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from golden.diff.blend_rows import BLOCK, HALF, F, clear, kernel, replay, scratch, set_up
+from golden.diff.blend_rows import BLOCK, F, kernel, replay_tile, scratch, set_up
 from golden.diff.blend_squares import sum_pairs
 from golden.diff.gaussians import Gaussians
 from golden.diff.projection import project
@@ -50,13 +50,10 @@ def _changes(_slice, begin, end, start, splat, number, table, alpha_max, backgro
     light, pairs, live, records, row_of_record, first_record = scratch(used[begin:end])
     sums, behind = np.empty(TILE, np.float32), np.empty((3, TILE, TILE), np.float32)
     for tile in range(begin, end):
-        tile_y, tile_x = tile // tiles_x, tile % tiles_x
-        left, top = F(tile_x * TILE) + HALF, F(tile_y * TILE) + HALF
-        clear(light, tile_x, tile_y, width, height)
         splats = splat[start[tile] : start[tile] + used[tile]]
         numbers = number[start[tile] : start[tile + 1]]
-        records, row_of_record = replay(
-            splats, left, top, table, alpha_max, light, pairs, live, records, row_of_record, first_record)
+        left, top, records, row_of_record = replay_tile(
+            tile, tiles_x, width, height, splats, table, alpha_max, light, pairs, live, records, row_of_record, first_record)
         for c in range(3):
             behind[c] = background[c]
         _tile(splats, numbers, left, top, table, behind, pairs, records, row_of_record, first_record, sums, changes)

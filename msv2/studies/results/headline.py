@@ -165,7 +165,8 @@ def _training(reports: Reports) -> Iterable[Row]:
         return ", ".join(f"{value(found)} ({name})" for name, found in rows.items())
 
     def share(found: Mapping[str, Any]) -> str:
-        return f"{100 * found[labels.PRUNED]['storage_mb'] / found[labels.DENSE]['storage_mb']:.1f} %"
+        pruned = found.get(labels.PRUNED) or found[labels.PRUNED_BY_CE]
+        return f"{100 * pruned['storage_mb'] / found[labels.DENSE]['storage_mb']:.1f} %"
 
     def speed(found: Mapping[str, Any]) -> str:
         return f"{found[labels.DENSE]['frame']['cycles'] / found[labels.ENHANCED]['frame']['cycles']:.2f}x"
