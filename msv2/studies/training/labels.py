@@ -23,7 +23,7 @@ DENSE, DECAYED, PRUNED, TUNED = "dense", "+ scale decay", "+ pruning", "+ HVSQ f
 FOVEATED, ENHANCED = "+ foveated levels", "+ opacity enhancement"
 
 PRUNED_BY_CE = "+ CE pruning"
-"""The name of `PRUNED` in reports of before our own criterion."""
+"""The name of `PRUNED` in reports from before pruning had a criterion of our own."""
 
 PAPER_SPEED = {DENSE: 1.0, DECAYED: 1.6, PRUNED: 5.8, PRUNED_BY_CE: 5.8, FOVEATED: 7.4, ENHANCED: 7.4 * 1.07}
 """The paper's frame rates relative to the dense model, as means of 13 scenes on a Jetson Xavier. The last value adds its 7
