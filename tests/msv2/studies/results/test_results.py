@@ -48,5 +48,5 @@ def test_the_headline_has_the_largest_frames_of_each_scene_at_variant_h():
                 ("c", "99x400", "H", [0, 1], 0.1, 0.9857, 9.0))]
     left, foveated = headline._training({"training_headline": {"rows": rows}})
     assert left[2] == "10.0 % (a 400x266), 30.0 % (b 99x400), 10.0 % (c 99x400)"
-    assert left[3] == "missed on b, c; at 98.6 % of the dense PSNR (H: 99 %); 2 seeds"
+    assert left[3] == "missed on b, c; at 98.57 % of the dense PSNR (H: 99 %); 2 seeds"
     assert foveated[2] == "8.00x (a 400x266), 7.00x (b 99x400), 9.00x (c 99x400)" and "missed on b;" in foveated[3]
