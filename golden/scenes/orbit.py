@@ -133,8 +133,8 @@ def look_at(
         fov_deg: horizontal field of view.
     """
     forward = _unit(np.asarray(target, np.float64) - position)
-    right = _unit(np.cross(forward, up))
-    rotation = np.stack([right, np.cross(forward, right), forward])
+    right = _unit(_cross(forward, up))
+    rotation = np.stack([right, _cross(forward, right), forward])
     focal = width / 2 / math.tan(math.radians(fov_deg) / 2)
     return Camera(rotation=rotation, translation=-rotation @ position, fx=focal, fy=focal, cx=width / 2, cy=height / 2,
                   width=width, height=height, near=near, name=name)
@@ -233,7 +233,7 @@ def _optical_depth(place: np.ndarray, sigma: np.ndarray, mass: np.ndarray) -> np
     level = np.ceil(np.log2(np.clip(2 * sigma, 1, 2 ** (GRID_LEVELS - 1)))).astype(int)
     inside = np.all((place >= 0) & (place < GRID[::-1]), axis=1)
     depth = np.zeros(GRID)
-    for k in range(GRID_LEVELS):
+    for k in np.unique(level[inside]):
         here = inside & (level == k)
         column, row = place[here].astype(int).T >> k
         coarse = np.zeros((GRID[0] >> k, GRID[1] >> k))
@@ -244,8 +244,13 @@ def _optical_depth(place: np.ndarray, sigma: np.ndarray, mass: np.ndarray) -> np
 
 def _horizontal_axes(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Two unit vectors that make a right-handed frame with `up`."""
-    east = _unit(np.cross(np.eye(3)[int(np.argmin(np.abs(up)))], up))
-    return east, np.cross(up, east)
+    east = _unit(_cross(np.eye(3)[int(np.argmin(np.abs(up)))], up))
+    return east, _cross(up, east)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The cross product of two vectors, each (3,). `np.cross` gives the same bits and takes ten times as long."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:

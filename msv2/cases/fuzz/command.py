@@ -6,7 +6,7 @@ left in the output folder, beside fuzz.json.
 
 examples:
   msv2 cases fuzz                               2,000 cases
-  msv2 cases fuzz --cases 1000000 --seed 7
+  msv2 cases fuzz --cases 1000000 --seed 7 --resume
   msv2 cases fuzz --format spz --case 1234      one case, with its files
 """
 
@@ -14,19 +14,22 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
-from golden.scenes.files import atomic_output
+from golden.scenes.files import atomic_output, read_json
 from msv2.cases.fuzz import runs
 from msv2.cases.fuzz.samples import FORMATS
-from msv2.cases.fuzz.worker import case_files, write_files
+from msv2.cases.fuzz.worker import OUTCOMES, case_files, write_files
 from spec.command_line import add_out_argument, choice, command_parser
 from spec.errors import InputError
 from spec.private import output_folder
+
+RECORD = "fuzz.json"
+"""What a run leaves in its output folder."""
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -36,6 +39,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--format", action="append", default=[], metavar="NAME",
                         help=f"only this format; can be repeated (of {', '.join(FORMATS)})")
     parser.add_argument("--case", type=int, metavar="N", help="run this case alone; needs one --format")
+    parser.add_argument("--resume", action="store_true",
+                        help="go on where a run of the same seed in the output folder ended, with whatever --cases it had")
     parser.add_argument("--seconds", type=float, default=runs.SECONDS, help="limit of a case (default: %(default)g)")
     add_out_argument(parser, "build/fuzz")
     args = parser.parse_args(argv)
@@ -50,20 +55,52 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     return args
 
 
-def fuzz(names: Sequence[str], cases: int, seed: int, out: Path, seconds: float = runs.SECONDS) -> dict[str, Any]:
-    """Runs cases, writes the files of failed ones, and returns the record, JSON-ready."""
+def fuzz(
+    names: Sequence[str], cases: int, seed: int, out: Path, seconds: float = runs.SECONDS, resume: bool = False,
+) -> dict[str, Any]:
+    """Runs cases, writes the files of failed ones, and returns the record, JSON-ready, which is also kept in the folder while
+    they run. `resume` goes on from the record in the folder.
+
+    Raises:
+        InputError: the record in the folder is of another seed.
+    """
     absent = {name: packages for name in names if (packages := runs.missing(name))}
     counts = runs.shares([name for name in names if name not in absent], cases)
-    found: dict[str, Any] = {}
-    with tqdm(total=sum(counts.values()), desc="fuzz", mininterval=1) as bar:
-        for name, tally in runs.run_cases(counts, seed, seconds=seconds, tick=bar.update):
-            found[name] = {"cases": tally.cases, **tally.outcomes, "failures": tally.failures,
-                           "seconds": tally.seconds, "slowest_seconds": tally.slowest}
+    found = _earlier(out / RECORD, seed) if resume else {}
+    before = sum(min(found[name].cases, count) for name, count in counts.items() if name in found)
+    record = _record(found, seed, absent)
+    with tqdm(total=sum(counts.values()), initial=before, desc="fuzz", mininterval=1) as bar:
+        for name, tally in runs.run_cases(counts, seed, seconds=seconds, tick=bar.update, before=found):
+            found[name] = tally
+            record = _record(found, seed, absent)
+            _write(out / RECORD, record)
             for failure in tally.failures:
                 keep(name, seed, failure["index"], out)
-    total = {key: sum(row[key] for row in found.values()) for key in ("cases", "accepted", "refused")}
-    return {"seed": seed, **total, "failures": sum(len(row["failures"]) for row in found.values()), "formats": found,
-            "not_installed": absent}
+    return record
+
+
+def _earlier(path: Path, seed: int) -> dict[str, runs.Tally]:
+    """What the cases of each format did by the record of an earlier run; nothing where there is none."""
+    if not path.exists():
+        return {}
+    record = read_json(path)
+    if record["seed"] != seed:
+        raise InputError(f"{path} is a record of seed {record['seed']}, not {seed}: give the same, or another --out")
+    return {name: runs.Tally({key: row[key] for key in OUTCOMES}, row["failures"], row["seconds"], row["slowest_seconds"])
+            for name, row in record["formats"].items()}
+
+
+def _record(found: Mapping[str, runs.Tally], seed: int, absent: Mapping[str, Sequence[str]]) -> dict[str, Any]:
+    rows = {name: {"cases": tally.cases, **tally.outcomes, "failures": tally.failures, "seconds": tally.seconds,
+                   "slowest_seconds": tally.slowest} for name, tally in found.items()}
+    total = {key: sum(row[key] for row in rows.values()) for key in ("cases", *OUTCOMES[:2])}
+    return {"seed": seed, **total, "failures": sum(len(row["failures"]) for row in rows.values()), "formats": rows,
+            "not_installed": dict(absent)}
+
+
+def _write(path: Path, record: Mapping[str, Any]) -> None:
+    with atomic_output(path) as file:
+        file.write((json.dumps(record, indent=1) + "\n").encode())
 
 
 def keep(name: str, seed: int, index: int, out: Path) -> Path:
@@ -88,9 +125,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     with output_folder(args.out, Path("build/fuzz")) as out:
         if args.case is not None:
             return _one_case(args, out)
-        record = fuzz(args.format or list(FORMATS), args.cases, args.seed, out, args.seconds)
-        with atomic_output(out / "fuzz.json") as file:
-            file.write((json.dumps(record, indent=1) + "\n").encode())
+        record = fuzz(args.format or list(FORMATS), args.cases, args.seed, out, args.seconds, args.resume)
         for name, row in record["formats"].items():
             print(f"{name}: {row['cases']:,} cases, {row['accepted']:,} accepted, {row['refused']:,} refused, "
                   f"{len(row['failures'])} failed, slowest {row['slowest_seconds']:.2f} s")

@@ -8,7 +8,7 @@ import selectors
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from typing import Any
@@ -20,6 +20,9 @@ from spec.paths import ROOT
 SECONDS = 60.0
 """Wall time that a case may take. On a computer without other work they take milliseconds, and those with a reader in a process
 of its own half a second."""
+
+STEP = 1000
+"""Cases after which `run_cases` gives an account."""
 
 
 @dataclass
@@ -111,19 +114,25 @@ def shares(names: list[str], cases: int) -> dict[str, int]:
 
 def run_cases(
     counts: dict[str, int], seed: int, *, seconds: float = SECONDS, tick: Callable[[], object] = lambda: None,
+    before: Mapping[str, Tally] | None = None,
 ) -> Iterator[tuple[str, Tally]]:
-    """Runs the cases of each format, and yields its name and what they did when they are done.
+    """Runs the cases of each format, and yields its name and what they did so far after every STEP of them and at the end.
 
     Args:
         counts: the number of cases by format; the first case of each is the good sample.
         seed: selects the other cases.
         seconds: the limit for a case.
         tick: called after every case.
+        before: what the first cases of formats did in an earlier run of this seed; they are not run again.
     """
     for name, count in counts.items():
-        tally = Tally()
+        tally = (before or {}).get(name) or Tally()
+        if tally.cases >= count:
+            continue
         with Worker(seconds) as worker:
-            for index in range(count):
+            for index in range(tally.cases, count):
+                if index % STEP == 0 and tally.cases:
+                    yield name, tally
                 begin = time.perf_counter()
                 answer = worker.run(name, seed, index)
                 took = time.perf_counter() - begin

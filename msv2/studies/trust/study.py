@@ -1,7 +1,7 @@
 """`msv2 study run trust`: what speaks for the RTL, in one table: proofs, mutants, seeded faults, spoilt files and the soak.
 
 Proofs, mutants and seeded faults come from the kept reports of their studies. Spoilt files and random frames are played
-here: as many cases as are asked for, and frames until the soak in build/trust/soak has so many cycles; it goes on where it
+here: as many cases as are asked for, and frames until the soak in build/trust/soak has so many cycles; both go on where they
 ended. The exit status is 1 if a file or a frame fails.
 
 examples:
@@ -19,10 +19,11 @@ from pathlib import Path
 from typing import Any
 
 from golden.scenes.files import read_json
-from msv2.cases.fuzz.command import fuzz
+from golden.scenes.request import make_folder
+from msv2.cases.fuzz.command import RECORD, fuzz
 from msv2.cases.fuzz.samples import FORMATS
 from msv2.cases.soak.runs import MACHINES, Soak
-from msv2.studies.kept import fingerprint, kept
+from msv2.studies.kept import fingerprint
 from msv2.studies.page import table, write_page
 from msv2.studies.picture import find_pyplot, save_figure
 from msv2.studies.record import PROVENANCE, write_report
@@ -91,15 +92,12 @@ def faults() -> dict[str, Any]:
 
 
 def fuzzed(cases: int, seed: int = SEED) -> dict[str, Any]:
-    """Spoilt files, in all and by format; the result of an earlier run if nothing has changed."""
-    def run() -> dict[str, Any]:
-        found = fuzz(list(FORMATS), cases, seed, FOLDER / "fuzz")
-        formats = {name: {"cases": row["cases"], "failures": len(row["failures"])} for name, row in found["formats"].items()}
-        return {**{key: found[key] for key in ("cases", "accepted", "refused", "failures")},
-                "command": f"msv2 cases fuzz --cases {cases} --seed {seed}", "date": _now(), "units": formats}
-
-    key = fingerprint(["msv2.cases.fuzz.worker", "msv2.cases.fuzz.command"], cases, seed)
-    return kept(FOLDER / "kept", f"fuzz-{key}", run)
+    """Spoilt files, in all and by format. It goes on from the cases that were run with the code as it is."""
+    folder = FOLDER / f"fuzz-{fingerprint(['msv2.cases.fuzz.worker', 'msv2.cases.fuzz.command'], seed)}"
+    found = fuzz(list(FORMATS), cases, seed, make_folder(folder), resume=True)
+    formats = {name: {"cases": row["cases"], "failures": len(row["failures"])} for name, row in found["formats"].items()}
+    return {**{key: found[key] for key in ("cases", "accepted", "refused", "failures")},
+            "command": f"msv2 cases fuzz --cases {cases} --seed {seed}", "date": _written(folder / RECORD), "units": formats}
 
 
 def soaked(cycles: int, seed: int = SEED) -> dict[str, Any]:
@@ -107,14 +105,14 @@ def soaked(cycles: int, seed: int = SEED) -> dict[str, Any]:
     soak = Soak(FOLDER / "soak", seed, list(MACHINES))
     soak.run(cycles)
     count = soak.count
-    date = datetime.fromtimestamp(soak.file.stat().st_mtime, UTC).isoformat(timespec="seconds")
     return {"cycles": count["cycles"], "frames": count["frames"], "differences": len(count["differences"]),
-            "command": f"msv2 cases soak --cycles {cycles} --seed {seed}", "date": date, "ends": count["by_end"],
+            "command": f"msv2 cases soak --cycles {cycles} --seed {seed}", "date": _written(soak.file), "ends": count["by_end"],
             "units": count["by_machine"]}
 
 
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")
+def _written(path: Path) -> str:
+    """When a file was written."""
+    return datetime.fromtimestamp(path.stat().st_mtime, UTC).isoformat(timespec="seconds")
 
 
 def pages(found: Mapping[str, Mapping[str, Any]]) -> str:

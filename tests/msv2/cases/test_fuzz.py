@@ -102,6 +102,28 @@ def test_formats_without_their_package_are_named(monkeypatch, tmp_path):
     assert record["not_installed"] == {"none": ["no_such_package"]} and list(record["formats"]) == ["splat"]
 
 
+def test_a_run_goes_on_where_an_earlier_one_ended(monkeypatch, tmp_path):
+    asked = []
+    run = runs.Worker.run
+    monkeypatch.setattr(runs.Worker, "run", lambda worker, *case: asked.append(case[2]) or run(worker, *case))
+    monkeypatch.setattr(runs, "STEP", 4)
+
+    def record(*argv: str) -> dict[str, object]:
+        assert main(["fuzz", "--format", "splat", "--out", str(tmp_path), *argv]) == 0
+        found = json.loads((tmp_path / "fuzz.json").read_text())
+        return {key: found[key] for key in ("cases", "accepted", "refused", "failures")}
+
+    at_once = record("--cases", "10")
+    monkeypatch.setattr(runs.Worker, "run", lambda worker, *case: 1 / 0 if case[2] == 6 else run(worker, *case))
+    with pytest.raises(ZeroDivisionError):
+        record("--cases", "10")
+    assert json.loads((tmp_path / "fuzz.json").read_text())["cases"] == 4
+    monkeypatch.setattr(runs.Worker, "run", lambda worker, *case: asked.append(case[2]) or run(worker, *case))
+    assert record("--cases", "10", "--resume") == at_once and asked == [*range(10), *range(4, 10)]
+    with pytest.raises(InputError, match="of seed 1, not 2"):
+        record("--seed", "2", "--resume")
+
+
 def test_one_case_leaves_its_files(tmp_path, capsys):
     assert main(["fuzz", "--format", "splat", "--case", "0", "--out", str(tmp_path)]) == 0
     assert (tmp_path / "splat-1-0" / "a.splat").read_bytes() == worker.good_files("splat")["a.splat"]
