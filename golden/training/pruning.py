@@ -39,6 +39,9 @@ SLOWER = 3
 """How much longer a model takes to recover from a prune than from the one before, of the same share of its points. On bonsai at
 200x133 a quarter of the points took 900 iterations at 54,000 points and 2,400 at 41,000."""
 
+FEW = 4
+"""Checks until the gate passes again below which the next prune is larger, by up to twice."""
+
 RECOVERY = 1
 """Intervals from a failed gate to the next check. A check costs a few iterations' time, and a model that has recovered should
 not wait for it."""
@@ -56,7 +59,7 @@ class PruneOptions:
             if progress shows that the gate will not be reached in time.
         fraction: largest share of the points that is removed each time the gate passes. Less is removed where, judging by the
             last recovery, the next one would take more iterations than are left. The share is halved when a prune is undone,
-            and doubled up to this value when the gate passes at the first check after a prune.
+            and grows again up to this value while the gate passes within FEW checks after a prune.
         parts: number of parts in which a prune is made; scores are measured again before each.
         criterion: one of CRITERIA, or None: nothing is pruned, and only scale decay is controlled.
         scale_decay: whether gamma is ever above 0.
@@ -279,11 +282,9 @@ class PruneStage(Stage):
         would take longer than what is left."""
         if not self._removes:
             return True
-        if self._failures == 0:
-            self._fraction = min(2 * self._fraction, self.options.fraction)
-        else:
-            took = self._failures + 1
-            self._fraction *= min(1.0, self._checks_left / (SLOWER * took))
+        took = self._failures + 1
+        growth = 2.0 if took == 1 else min(max(FEW / took, 1.0), self._checks_left / (SLOWER * took))
+        self._fraction = min(growth * self._fraction, self.options.fraction)
         self._training.settle()
         self._failures, self._passed = 0, self._snapshot()
         self._prune()
