@@ -8,7 +8,6 @@ from golden.kernels import compiled
 from spec.chunks import (
     BOX_SHIFT,
     CHUNK,
-    EXTENT_BITS,
     SCALE_TOP_BITS,
     SCALE_TOP_STEPS,
     STEP_BITS,
@@ -107,17 +106,17 @@ def position_codes(low: np.ndarray, step: np.ndarray, mean: np.ndarray) -> np.nd
 def _grids(config: AcceleratorConfig, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(step, extent), int64, of the finest grids from `low` (any shape) on that hold `high`. Their boxes contain both `high`
     and what its code decodes to."""
-    most, boxes = (1 << POSITION_BITS) - 1, 1 << EXTENT_BITS
+    most = (1 << POSITION_BITS) - 1
     size = _above(high, low)
     step = np.where(size > 0, np.frexp(size)[1] - POSITION_BITS + STEP_BIAS, 0)  # this or the next is enough before rounding
     step = np.clip(step, 0, (1 << STEP_BITS) - 1).astype(np.int64)
     while True:
         code = position_codes(low, step, high)
-        reached = np.maximum(place(config, low, step, np.minimum(code, most)), high)
-        cells = np.maximum(np.ceil(np.ldexp(_above(reached, low), STEP_BIAS - BOX_SHIFT - step)), 1)
-        short = (code > most) | (cells > boxes)
+        short = code > most
         if not short.any():
-            return step, cells.astype(np.int64) - 1
+            reached = np.maximum(place(config, low, step, code), high)  # 65,535.5 steps at most, within 256 boxes of 256
+            cells = np.ceil(np.ldexp(_above(reached, low), STEP_BIAS - BOX_SHIFT - step))
+            return step, np.maximum(cells, 1).astype(np.int64) - 1
         if (step[short] == (1 << STEP_BITS) - 1).any():
             raise ValueError(f"a chunk must not be wider than {WIDEST}, not {float(size[short].max())!r}")
         step = step + short

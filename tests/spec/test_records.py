@@ -5,14 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from spec.chunks import CHUNK
 from spec.config import CONFIGS, DEFAULT, PAPER, TINY_EYES, TINY_V3
 from spec.constants import MAX_LEVELS, SUPER_X, SUPER_Y, TILE
 from spec.formats import SQ, UQ, SmallFloat
 from spec.records import (
+    INDEX_BITS,
     RECORDS,
     TILE_BITS,
     Field,
     Record,
+    array_splat,
     frame_supertiles,
     gaussian_colour,
     gaussian_geometry,
@@ -22,6 +25,7 @@ from spec.records import (
     tile_header,
     uint,
 )
+from spec.supertiles import CHUNK_BITS, batch_tiles
 
 ALL = [make(config) for make in RECORDS for config in CONFIGS.values()] + [gaussian_colour(PAPER, d) for d in range(3)]
 SAMPLE = Record("Sample", "", (
@@ -110,3 +114,12 @@ def test_super_tiles_of_the_largest_frame(width: int, joint: bool):
     config = (TINY_EYES if joint else TINY_V3).with_(row_width=width)
     columns, rows = ({pixel // TILE // size for pixel in range(width)} for size in (SUPER_X, SUPER_Y))
     assert frame_supertiles(config) == (len(columns) + joint) * len(rows)
+
+
+def test_numbers_have_the_bits_of_what_they_count():
+    """An index word is a chunk's number and a place in it; an array with joint frames has the tiles of both eyes; an op has
+    the colour of one level of the two that come with a splat."""
+    assert CHUNK << CHUNK_BITS == 1 << INDEX_BITS
+    assert batch_tiles(TINY_V3) == SUPER_X * SUPER_Y and batch_tiles(TINY_EYES) == 2 * SUPER_X * SUPER_Y
+    colours = [{f.name: f.count for f in record(DEFAULT).fields}["colour"] for record in (pixel_op, array_splat)]
+    assert colours == [3, 6]

@@ -2,7 +2,7 @@
 
 Each mutant is judged in a copy of the project: by the hard cases, which compare the integer renderer with the oracle and with
 stated values, and by the quick tests of the part. docs/stability.md tells more. Verdicts are kept in build/source_mutants, so
-that an interrupted study continues.
+that an interrupted study continues. The exit status is 1 where something notices a mutant that is said to compute the same.
 
 examples:
   msv2 study run source_mutants                              200 mutants of spec, 300 of the integer renderer
@@ -23,6 +23,7 @@ from typing import Any
 from tqdm import tqdm
 
 from msv2.cases.source_mutants import draw, play
+from msv2.cases.source_mutants.equal import reason
 from msv2.cases.source_mutants.play import PARTS, Judge, Part
 from msv2.studies import page
 from msv2.studies.kept import fingerprint, kept
@@ -39,8 +40,8 @@ HEAD = """# Mutants of Python: small faults in what golden and RTL share, and in
 
 Written by `msv2 study run source_mutants`. A mutant replaces an operator, a constant or a function of a module by another
 one. It is noticed where a hard case fails on the integer renderer or on the oracle, or a quick test fails; for the renderer
-the cases come first, for spec the tests of its own. docs/stability.md tells how it is done. What is left may compute the same:
-nothing proves that it does not.
+the cases come first, for spec the tests of its own. docs/stability.md tells how it is done. The share is of those that are
+not known to compute the same.
 """
 
 
@@ -59,17 +60,25 @@ def verdicts(part: Part, count: int, seed: int) -> list[dict[str, Any]]:
         return {"path": mutant.path, "line": mutant.line, "what": mutant.words, **judge[0].judge(mutant)}
 
     folder = FOLDER / "kept" / f"{part.name}-{state}"
-    return [kept(folder, f"{mutant.path.replace('/', '.')}-{mutant.number}", partial(judged, mutant))
+    rows = [kept(folder, f"{mutant.path.replace('/', '.')}-{mutant.number}", partial(judged, mutant))
             for mutant in tqdm(mutants, desc=part.name, disable=not sys.stderr.isatty())]
+    return [row | {"equal": reason((ROOT / mutant.path).read_text(), mutant)}
+            for row, mutant in zip(rows, mutants, strict=True)]
+
+
+def contradictions(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The mutants that are said to compute the same, and that something notices."""
+    return [f"{row['path']}:{row['line']}: {row['what']} is said to compute the same ({row['equal']}), and a {row['by']} "
+            f"notices it: {row['words']}" for row in rows if row["equal"] and row["by"]]
 
 
 def total(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """How many mutants there are, how many cases and tests notice, how many end neither well nor with a verdict, and the share
-    of all that are noticed."""
-    by = Counter(row["by"] for row in rows)
-    noticed = len(rows) - by[""]
-    return {"mutants": len(rows), "by_cases": by["case"], "by_tests": by["test"], "no_end": by["hang"] + by["crash"],
-            "noticed": noticed, "share": round(noticed / max(len(rows), 1), 4)}
+    """How many mutants there are, how many compute the same, how many cases and tests notice, how many end neither well nor
+    with a verdict, and the share that is noticed of those that do not compute the same."""
+    by, equal = Counter(row["by"] for row in rows), sum(1 for row in rows if row["equal"])
+    noticed, judged = len(rows) - by[""], len(rows) - equal
+    return {"mutants": len(rows), "equal": equal, "judged": judged, "by_cases": by["case"], "by_tests": by["test"],
+            "no_end": by["hang"] + by["crash"], "noticed": noticed, "share": round(noticed / max(judged, 1), 4)}
 
 
 def chosen_counts(words: Sequence[str]) -> dict[str, int]:
@@ -90,7 +99,7 @@ def chosen_counts(words: Sequence[str]) -> dict[str, int]:
 def _line(name: str, rows: Sequence[Mapping[str, Any]]) -> list[object]:
     """A line of the table."""
     sums = total(rows)
-    return [name, sums["mutants"], sums["by_cases"], sums["by_tests"], sums["no_end"], f"{100 * sums['share']:.1f} %"]
+    return [name, *(sums[key] for key in ("mutants", "equal", "by_cases", "by_tests", "no_end")), f"{100 * sums['share']:.1f} %"]
 
 
 def pages(parts: Mapping[str, Sequence[Mapping[str, Any]]], seed: int) -> str:
@@ -100,10 +109,14 @@ def pages(parts: Mapping[str, Sequence[Mapping[str, Any]]], seed: int) -> str:
         lines.append(_line(f"**{name}**", rows))
         for path in sorted({row["path"] for row in rows}):
             lines.append(_line(f"`{path}`", [row for row in rows if row["path"] == path]))
-        left += [[f"{row['path']}:{row['line']}", row["what"]] for row in rows if not row["by"]]
-    table = page.table(["module", "mutants", "noticed by cases", "by tests", "crash or hang", "share"], lines, left=1)
-    survivors = page.table(["line", "what is changed"], left, empty="None.")
-    return f"{HEAD}\nThey were drawn with seed {seed}.\n\n{table}\n\n## What nothing notices\n\n{survivors}"
+        left += [[f"{row['path']}:{row['line']}", row["what"], row["equal"]] for row in rows if not row["by"]]
+    table = page.table(
+        ["module", "mutants", "compute the same", "noticed by cases", "by tests", "crash or hang", "share"], lines, left=1)
+    survivors = page.table(["line", "what is changed"], [row[:2] for row in left if not row[2]], empty="None.")
+    equal = page.table(["line", "what is changed", "why it computes the same, by reading"], [row for row in left if row[2]],
+                       empty="None.")
+    return (f"{HEAD}\nThey were drawn with seed {seed}.\n\n{table}\n\n## What nothing notices\n\n{survivors}\n\n"
+            f"## What computes the same\n\n{equal}")
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -129,12 +142,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name in names:
         parts[name] = verdicts(PARTS[name], counts[name], args.seed)
         sums = total(parts[name])
-        tqdm.write(f"{name}: {sums['noticed']} of {sums['mutants']} noticed, {sums['by_cases']} of them by cases")
+        tqdm.write(f"{name}: {sums['noticed']} of {sums['judged']} noticed, {sums['by_cases']} of them by cases")
         for row in parts[name] if args.part else ():
-            if not row["by"]:
+            if not row["by"] and not row["equal"]:
                 tqdm.write(f"  {row['path']}:{row['line']}: {row['what']}")
+    wrong = [words for rows in parts.values() for words in contradictions(rows)]
+    tqdm.write("\n".join(wrong), end="\n" * bool(wrong))
     if not args.part:
         content = {"parts": {name: {**total(rows), "rows": rows} for name, rows in parts.items()}, "seed": args.seed}
         write_report(args.out.with_suffix(".json"), content, [__name__, play.WORKER], args)
         page.write_page(args.out, pages(parts, args.seed))
-    return 0
+    return int(bool(wrong))

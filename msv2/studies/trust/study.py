@@ -69,7 +69,8 @@ def source_mutants() -> dict[str, Any]:
     """The mutants of Python, by part."""
     report, made = _read(SOURCE_MUTANTS)
     parts = {name: {key: value for key, value in part.items() if key != "rows"} for name, part in report["parts"].items()}
-    sums = {key: sum(part[key] for part in parts.values()) for key in ("mutants", "by_cases", "by_tests", "no_end", "noticed")}
+    keys = ("mutants", "judged", "by_cases", "by_tests", "no_end", "noticed")
+    sums = {key: sum(part[key] for part in parts.values()) for key in keys}
     return {**sums, **made, "units": parts}
 
 
@@ -122,7 +123,8 @@ def pages(found: Mapping[str, Mapping[str, Any]]) -> str:
     lines = [
         ("mutants of units that the quick suites kill",
          f"{mutant['killed']} of {mutant['judged']} ({100 * mutant['share']:.1f} %); goal 95 %", mutant),
-        *((f"mutants of Python in {name} that cases or quick tests notice", f"{part['noticed']} of {part['mutants']}", source)
+        *((f"mutants of Python in {name} that cases or quick tests notice",
+           f"{part['noticed']} of {part['judged']} ({100 * part['share']:.1f} %); goal 95 %", source)
           for name, part in source["units"].items()),
         ("claims proven for all inputs",
          f"{claim['proven']}; {claim['open']} open, {claim['fails'] + claim['empty']} fail", claim),

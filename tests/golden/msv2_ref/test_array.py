@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from golden.msv2_ref import array_kernel
 from golden.msv2_ref.array import Pixels, render_tiles
 from golden.msv2_ref.pipeline import render
 from spec.config import DEFAULT, TINY, AcceleratorConfig, NumberFormats
@@ -167,6 +169,23 @@ def test_vanishing_factors(conic):
     entry["conic"] = N.conic.quantise([max(conic, N.conic.min), conic, max(conic, N.conic.min)])
     got = assert_by_the_text(DEFAULT, header(), entry, [0, 0, 0])
     assert len(np.unique(got.transmittance)) == 1  # as good as flat
+
+
+@pytest.mark.parametrize("raw", [0, 1, 2, 3, 700])
+def test_the_rows_that_are_visited_hold_every_row_within_reach(raw):
+    """A row is `v + k3 (row - 8)` from the splat's centre, in raw units of `offset`; nothing is visited far beyond reach."""
+    k = array_kernel.array_constants(DEFAULT)
+    unit, random = 2.0 ** (k.offset_frac - k.factor_frac), np.random.default_rng(raw)
+    for _ in range(500):
+        falloff = float(random.integers(0, 20 << k.cut_frac))
+        reach = math.sqrt(falloff / 2**k.cut_frac) * 2**k.offset_frac
+        v = float(round(random.choice([-1, 1]) * reach + random.uniform(-10, 10) * max(raw, 1) * unit))
+        first, last = array_kernel._row_range(falloff, v, float(raw), k)
+        within = [row for row in range(16) if abs(v + raw * unit * (row - 8)) <= reach]
+        assert all(first <= row <= last for row in within)
+        slack = 2 + math.sqrt(array_kernel._ROW_MARGIN) * 2**k.offset_frac / (max(raw, 1) * unit)
+        if raw:
+            assert last - first <= (within[-1] - within[0] if within else 0) + 2 * slack
 
 
 def test_coordinates_at_the_ends_of_their_format():

@@ -95,6 +95,14 @@ def test_51_without_any_depth_everything_is_rendered():
     assert veiled.shares["warped"] > 0.5 and veiled.warnings == ()
 
 
+def test_51_without_any_depth_but_with_some_background_everything_with_holes_is_rendered():
+    veil = splats(*((x / 8, y / 8, 4.0) for x in range(-6, 7) for y in range(-5, 6)), scale=0.1, opacity=0.02)
+    frame = two_eyes(veil, view(), threshold_deg=0.0)
+    transmittance = frame_pixels(frame.source)["transmittance"]
+    assert transmittance.max() == CONFIG.formats.transmittance.raw_max > transmittance.min()
+    assert any("no pixel of the source eye has a depth" in w for w in frame.warnings)
+
+
 def test_48_a_frame_narrower_than_its_disparities_is_said():
     wall = splats(*((x / 4, y / 4, 1.0) for x in range(-6, 7) for y in range(-5, 6)), scale=0.2, opacity=0.99)
     frame = two_eyes(wall, view(16, 16), baseline=5.0, threshold_deg=0.0)

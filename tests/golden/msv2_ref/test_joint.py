@@ -277,6 +277,13 @@ def test_visits_give_the_pixels_of_both_eyes(frame):
             assert np.array_equal(got, getattr(drawn.pixels, name)[tile]), name
 
 
+def test_a_stream_has_the_visits_of_both_eyes(frame):
+    b = JointBatches(frame)
+    visits, entries = b.stream_records()
+    each = [b.records_of(eye) for eye in range(2)]
+    assert len(visits) == sum(len(one[0]) for one in each) > 0 and len(entries) == sum(len(one[1]) for one in each)
+
+
 @pytest.mark.parametrize("seed", [0, 2])
 def test_streams_and_bounds_change_no_pixel(seed):
     wanted = random_joint(seed)
@@ -326,6 +333,10 @@ def test_what_is_refused():
     render(model, wide.source, config=few)
     with pytest.raises(InputError, match="have 80 super-tiles, and config 'tiny_v3' has 64 lists"):
         render_joint(model, wide, config=few, shift=-1)
+    for width, height, lists in ((257, 128, 12), (256, 129, 10)):
+        with pytest.raises(InputError, match=f"have {lists} super-tiles"):
+            render_joint(model, stereo_pair(view(width, height)), config=SMALL.with_(list_heads=lists - 1), shift=0)
+        render_joint(model, stereo_pair(view(width, height)), config=SMALL.with_(list_heads=lists), shift=0)
     with pytest.raises(InputError, match="frame size 600x48 is not accepted"):
         render_joint(model, stereo_pair(view(600, 48)), config=SMALL)
     with pytest.raises(InputError, match="gaze 99,0 of the right"):

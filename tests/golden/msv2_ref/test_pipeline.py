@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import time
 
 import numpy as np
 import pytest
@@ -81,6 +82,12 @@ def test_threads_do_not_change_the_frame(monkeypatch):
         first, *others = (frame.stage(name) for frame in frames)
         for other in others:
             assert all(np.array_equal(first[key], other[key]) for key in first), name
+
+
+def test_stages_take_no_more_time_than_the_frame():
+    begin = time.perf_counter()
+    seconds = sample_frame().seconds
+    assert len(seconds) > 4 and min(seconds.values()) >= 0 and sum(seconds.values()) <= time.perf_counter() - begin
 
 
 @pytest.mark.parametrize("name", STAGES)

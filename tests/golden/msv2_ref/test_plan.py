@@ -19,6 +19,7 @@ from golden.scenes.orbit import orbit_camera
 from golden.scenes.probe import probe, used_sh_degree
 from golden.scenes.request import Request
 from spec.config import PAPER_SMALL, V3_RECORDS
+from spec.constants import MAX_LEVELS
 from spec.errors import InputError
 from spec.memory import colour_beats
 from tests.helpers.golden_samples import random_model
@@ -130,6 +131,14 @@ def test_foveated_frames_of_harmonics(gaze, enhanced):
     model = spread_levels(model) if enhanced else model
     foveation = foveation_map(DISPLAY, gaze, model.levels)
     same_image(work(model, foveation).render(), work(model, foveation, "all").render())
+
+
+@pytest.mark.parametrize("records", ["wide", "compact"])
+def test_prepared_words_have_as_many_levels_as_the_machine_uses(flat, records):
+    config = PAPER_SMALL if records == "wide" else V3_RECORDS
+    for effects, levels in (("auto", 1), ("levels", config.levels)):
+        words = work(flat, no_foveation(DISPLAY), effects, config=config).words
+        assert words.levels == levels and words.geometry["bound"].max() <= MAX_LEVELS - 1
 
 
 def test_blending_is_forced_where_levels_are_called_for_alone(flat):

@@ -109,6 +109,7 @@ def test_extreme_betas(frame):
     ([0, 0, 9, 1], 4, 7, [0, 0, 0, 1]),  # empty tiles before a big one are in its group
     ([1, 0, 9, 1], 4, 7, [0, 0, 1, 2]),
     ([1, 1, 1, 1], 2, 100, [0, 0, 1, 1]),
+    ([1, 1, 2, 1], 4, 0, [0, 1, 2, 3]), ([1, 1, 0, 1], 4, 1, [0, 1, 2, 2]), ([1, 1, 0, 1], 4, 2, [0, 1, 1, 2]),
     ([0, 0, 0, 0], 2, 5, [0, 0, 1, 1]),
 ])
 def test_merging_by_hand(counts, tiles_x, beta, groups):

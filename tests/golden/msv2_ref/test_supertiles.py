@@ -225,6 +225,21 @@ def test_frames_without_splats():
     assert_visits_give_the_pixels(frame)
 
 
+@pytest.mark.parametrize("size", [(5, 7), (16, 16), (17, 16), (16, 17)])
+def test_frames_of_a_tile_or_two(size):
+    frame = render(random_model(np.random.default_rng(0), 50), view(*size), config=SMALL)
+    assert len(frame.entries.splat) and FrameBatches(frame).supertile_records["inside"].tolist() == [
+        {(17, 16): 3, (16, 17): 1 | 1 << SUPER_X}.get(size, 1)]
+    assert_visits_give_the_pixels(frame)
+
+
+@pytest.mark.parametrize("first", [0, 1, (1 << SEQUENCE_BITS) - 1])
+def test_visits_name_their_super_tile_by_its_last_bits(frame, first):
+    b = FrameBatches(frame)
+    wanted = [(first + int(number)) % (1 << SEQUENCE_BITS) for number in b.batches.supertile[b.visits.batch]]
+    assert b.visit_records_from(first)["sequence"].tolist() == wanted
+
+
 def test_frames_of_other_machines_have_no_batches():
     with pytest.raises(ValueError, match=r"^frame must be one of a machine with super-tiles, not of 'tiles'$"):
         FrameBatches(random_frame(1, TILES))

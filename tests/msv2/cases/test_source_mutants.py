@@ -13,6 +13,7 @@ import pytest
 
 from msv2.cases.source_mutants import draw, play, worker
 from msv2.cases.source_mutants.draw import SourceMutant, mutated, sites
+from msv2.cases.source_mutants.equal import EQUAL, changed_line
 from msv2.cases.source_mutants.play import PARTS
 from msv2.cli import check
 from msv2.studies.source_mutants import study
@@ -118,14 +119,31 @@ def test_a_fault_in_a_table_is_noticed_and_the_copy_is_sound_again(tmp_path: Pat
 
 
 def test_the_page_counts_by_module_and_lists_what_nothing_notices():
-    rows = [{"path": "spec/a.py", "line": 3, "what": "1 to 2", "by": "case", "words": "x"},
-            {"path": "spec/a.py", "line": 4, "what": "Add to Sub", "by": "", "words": ""},
-            {"path": "spec/b.py", "line": 5, "what": "no Not", "by": "test", "words": "y"},
-            {"path": "spec/b.py", "line": 6, "what": "Eq to NotEq", "by": "hang", "words": "z"}]
-    assert study.total(rows) == {"mutants": 4, "by_cases": 1, "by_tests": 1, "no_end": 1, "noticed": 3, "share": 0.75}
+    rows = [{"path": "spec/a.py", "line": 3, "what": "1 to 2", "by": "case", "words": "x", "equal": ""},
+            {"path": "spec/a.py", "line": 4, "what": "Add to Sub", "by": "", "words": "", "equal": ""},
+            {"path": "spec/a.py", "line": 9, "what": "2 to 3", "by": "", "words": "", "equal": "nothing reads it"},
+            {"path": "spec/b.py", "line": 5, "what": "no Not", "by": "test", "words": "y", "equal": ""},
+            {"path": "spec/b.py", "line": 6, "what": "Eq to NotEq", "by": "hang", "words": "z", "equal": ""}]
+    assert study.total(rows) == {"mutants": 5, "equal": 1, "judged": 4, "by_cases": 1, "by_tests": 1, "no_end": 1, "noticed": 3,
+                                 "share": 0.75}
     text = study.pages({"spec": rows}, 1)
-    assert "| **spec** | 4 | 1 | 1 | 1 | 75.0 % |" in text and "| `spec/a.py` | 2 | 1 | 0 | 0 | 50.0 % |" in text
-    assert "| spec/a.py:4 | Add to Sub |" in text
+    assert "| **spec** | 5 | 1 | 1 | 1 | 1 | 75.0 % |" in text and "| `spec/a.py` | 3 | 1 | 1 | 0 | 0 | 50.0 % |" in text
+    assert "| spec/a.py:4 | Add to Sub |" in text and "| spec/a.py:9 | 2 to 3 | nothing reads it |" in text
+    assert study.contradictions(rows) == []
+    (words,) = study.contradictions([rows[3] | {"equal": "sure"}])
+    assert "spec/b.py:5: no Not is said to compute the same (sure), and a test notices it: y" in words
+
+
+def test_what_computes_the_same_is_a_mutant_of_today_and_has_a_reason():
+    paths = {one.path for one in EQUAL}
+    texts = {path: (ROOT / path).read_text() for path in paths}
+    every = {path: [SourceMutant(path, node.lineno, words, number)
+                    for number, (node, words, _) in enumerate(sites(ast.parse(text)))] for path, text in texts.items()}
+    assert paths <= {path for part in PARTS.values() for path in part.paths}
+    for one in EQUAL:
+        lines = [changed_line(texts[one.path], mutant) for mutant in every[one.path]]
+        assert sum(one.text in new and one.text not in old for old, new in lines) >= 1, one.text
+        assert one.why
 
 
 def test_counts_are_of_one_part_or_of_each():
