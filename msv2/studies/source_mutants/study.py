@@ -99,7 +99,8 @@ def chosen_counts(words: Sequence[str]) -> dict[str, int]:
 def _line(name: str, rows: Sequence[Mapping[str, Any]]) -> list[object]:
     """A line of the table."""
     sums = total(rows)
-    return [name, *(sums[key] for key in ("mutants", "equal", "by_cases", "by_tests", "no_end")), f"{100 * sums['share']:.1f} %"]
+    counts = [sums[key] for key in ("mutants", "equal", "by_cases", "by_tests", "no_end")]
+    return [name, *counts, f"{100 * sums['share']:.1f} %"]
 
 
 def pages(parts: Mapping[str, Sequence[Mapping[str, Any]]], seed: int) -> str:
