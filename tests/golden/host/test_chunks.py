@@ -10,7 +10,7 @@ from golden.host import chunks
 from golden.host.chunks import cut_chunks, largest_scale, opacity_code_above, sixteenths
 from golden.host.quantise import quantise_model
 from golden.scenes.model import GaussianModel
-from spec.chunks import chunk_header
+from spec.chunks import POSITION_BITS, STEP_BITS, chunk_header
 from spec.compact import OPACITY_LOG2
 from spec.config import V3_RECORDS
 from spec.packing import pack, unpack
@@ -194,6 +194,11 @@ def test_a_grid_is_used_to_its_last_code():
     size = np.array([65535.0, 65536.0]) * 2.0**-40
     step, extent = chunks._grids(WIDE, np.zeros(2), size)
     assert step.tolist() == [0, 1] and extent.tolist() == [255, 127]
+
+
+def test_the_widest_chunk_takes_half_of_the_largest_grid():
+    largest = np.array([(1 << STEP_BITS) - 1])
+    assert chunks.place(WIDE, np.zeros(1), largest, np.array([1 << POSITION_BITS])) == 2 * chunks.WIDEST
 
 
 def test_a_chunk_wider_than_every_grid_is_an_error():
