@@ -10,8 +10,8 @@ from golden.host import chunks
 from golden.host.chunks import cut_chunks, largest_scale, opacity_code_above, sixteenths
 from golden.host.quantise import quantise_model
 from golden.scenes.model import GaussianModel
-from spec.chunks import POSITION_BITS, STEP_BITS, chunk_header
-from spec.compact import OPACITY_LOG2
+from spec.chunks import STEP_BITS, chunk_header
+from spec.compact import OPACITY_LOG2, POSITION_BITS
 from spec.config import V3_RECORDS
 from spec.packing import pack, unpack
 from spec.tables import log2_alpha_min
