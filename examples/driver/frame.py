@@ -28,6 +28,7 @@ from frame_image import write_frame_image
 
 from golden.host.memory_image import DisplayPixels, MemoryImage
 from golden.msv2_ref.batches import following
+from golden.msv2_ref.events import expected_events
 from golden.msv2_ref.frame_memory import display_pixels
 from golden.msv2_ref.joint import JointFrame, render_joint
 from golden.msv2_ref.pipeline import Frame, render
@@ -43,7 +44,7 @@ from spec.memory import DISPLAY_PIXEL_BYTES
 from spec.paths import DOCS
 from tb.common.runner import VERILATOR, check_tools, verilator_environment
 from tb.frame.whole import picture
-from tb.top.check import differences, expected_events, mismatches
+from tb.top.check import differences, mismatches
 from tb.top.check_joint import joint_events
 from tb.top.plan_joint import after
 from tb.top.stimuli import Case

@@ -11,6 +11,7 @@ import numpy as np
 
 from golden.host.memory_image import DisplayPixels, FramePixels, PackedPixels
 from golden.msv2_ref.array import Pixels
+from golden.msv2_ref.events import expected_events
 from golden.msv2_ref.joint import JointFrame
 from golden.msv2_ref.joint_warp import WarpedJointFrame
 from golden.msv2_ref.pipeline import Frame
@@ -21,7 +22,7 @@ from spec.memory import BEAT_BYTES
 from spec.registers import STEREO_WRITE_CLIENTS, read_clients, stages, write_clients
 from tb.common.runner import SimulationError, Waves, build
 from tb.frame.bound import RENDER_WRITES, bound_cycles, joint_bound_cycles, render_reads
-from tb.top.check import counter_errors, expected_events, frame_run, mismatches
+from tb.top.check import counter_errors, frame_run, mismatches
 from tb.top.check_joint import joint_events
 from tb.top.check_joint_warp import joint_warp_events
 from tb.top.device import Machine

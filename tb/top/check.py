@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from golden.host.memory_image import DisplayPixels, FramePixels, PackedPixels, memory_image, spill_beats
-from golden.msv2_ref import projection
 from golden.msv2_ref.batches import FrameBatches
+from golden.msv2_ref.events import expected_events
 from golden.msv2_ref.frame_memory import display_pixels, frame_pixels, list_lengths
 from golden.msv2_ref.pipeline import Frame
-from golden.msv2_ref.saturations import frame_saturations
 from spec.constants import TILE
 from spec.memory import page_beats
 from tb.frame.bound import array_ops
@@ -67,19 +66,6 @@ def differences(wanted: np.ndarray, pixels: FramePixels | DisplayPixels) -> list
             found.append({"field": name, "tile": tile, "x": x, "y": y, "rtl": np.ravel(got[y, x]).tolist(),
                           "golden": np.ravel(golden[y, x]).tolist()})
     return sorted(found, key=lambda m: (m["tile"], m["y"], m["x"]))
-
-
-def expected_events(frame: Frame) -> dict[str, int]:
-    """The values that the machine's counters must have after the frame, for those counters that the golden frame determines."""
-    reason = frame.projected.reason
-    more = {"chunks_read": frame.chunks_read, "chunks_skipped": frame.chunks_skipped} if frame.config.chunks else {}
-    if frame.config.supertiles:
-        more |= FrameBatches(frame).events
-    return {
-        "points": int(frame.read.sum()), "culled_near": int((reason == projection.NEAR).sum()),
-        "culled_faint": int((reason == projection.FAINT).sum()), "survivors": len(np.unique(frame.entries.splat)),
-        "entries": len(frame.entries.splat), "filtered": frame.entries.filtered, "groups": int(frame.groups[-1]) + 1,
-        "pixels": frame.registers.width * frame.registers.height, **more, **frame_saturations(frame)}
 
 
 def counter_errors(frame: Frame, result: FrameResult) -> list[str]:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from golden.host.memory_image import memory_image
+from golden.msv2_ref.events import expected_events
 from golden.msv2_ref.eyes import StereoFrame
 from golden.msv2_ref.pipeline import Frame
 from spec.constants import TILE
-from tb.top.check import differences, expected_events, room, wrong_counters
+from tb.top.check import differences, room, wrong_counters
 from tb.top.expected import expected_pass
 from tb.top.memory import MemorySpeed
 from tb.top.player import FrameResult, FrameRun

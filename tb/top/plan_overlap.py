@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from golden.msv2_ref import pipeline
+from golden.msv2_ref.events import expected_events
 from golden.msv2_ref.joint import render_joint
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import Display, foveation_map
@@ -23,7 +24,7 @@ from spec.memory import FIRST_PAGE_BEATS
 from spec.supertiles import BUCKET_PAIRS
 from tb.common.exact import Outcome
 from tb.common.runner import Waves
-from tb.top.check import expected_events, mismatches
+from tb.top.check import mismatches
 from tb.top.check_joint import joint_events, joint_mismatches
 from tb.top.device import machine
 from tb.top.overlap_player import Row, RowFrame, RowResult, play_rows

@@ -20,7 +20,6 @@ from spec.constants import SUPER_X, SUPER_Y
 from spec.effects import with_two_eyes
 from spec.errors import InputError
 from spec.memory import DIRECTORY_BEATS, TILE_SETTING_BYTES, frame_settings, page_beats, tile_setting
-from tb.frame.__main__ import main as simulate
 from tests.helpers.golden_samples import map_for, random_model, view
 
 
@@ -87,16 +86,11 @@ def test_room_for_lists_is_that_of_the_pairs():
     assert np.array_equal(list_lengths(tiles), np.diff(tiles.entries.start))
 
 
-def test_two_eyes_are_refused_by_the_name_of_a_machine_that_has_them(tmp_path):
+def test_two_eyes_are_refused_by_the_name_of_a_machine_that_has_them():
     message = r"^two eyes are not accepted: config 'v3' has lists by super-tile .*; config 'paper' does, "
     with pytest.raises(InputError, match=message):
         with_two_eyes(V3)
     assert with_two_eyes(V3_RECORDS).stereo
-    with pytest.raises(InputError, match=r"^two eyes are not accepted: the RTL of config 'v3' has no joint frames; "):
-        simulate(["embedded", "--config", "v3", "--stereo", "--out", str(tmp_path / "x")])
-    with pytest.raises(InputError, match="`paper` renders two eyes"):
-        simulate(["embedded", "--config", "v3", "--set", "stereo=true", "--out", str(tmp_path / "x")])
-    assert not list(tmp_path.iterdir())
 
 
 def test_a_frame_of_super_tiles_through_the_command_line(tmp_path):

@@ -13,6 +13,7 @@ from golden.host.quantise import GaussianWords, quantise_model
 from golden.host.registers import FrameRegisters, frame_registers
 from golden.msv2_ref import chunk_test, projection, tile_test
 from golden.msv2_ref.chunk_test import judged_chunks, level_bounds, read_chunks, read_points
+from golden.msv2_ref.events import expected_events
 from golden.msv2_ref.pipeline import render_frame
 from golden.scenes.camera import Camera
 from golden.scenes.gaze import Display, FoveationMap, foveation_map, no_foveation
@@ -21,7 +22,6 @@ from msv2.cases.makers import splats, view
 from spec.chunks import CHUNK, SCALE_TOP_BITS, chunk_header, sigma_significands
 from spec.config import V3_RECORDS, AcceleratorConfig
 from spec.constants import TILE
-from tb.top.check import expected_events
 
 SLOW = [HealthCheck.too_slow, HealthCheck.data_too_large]
 QUICK = settings(max_examples=40, derandomize=True, deadline=None, database=None, suppress_health_check=SLOW)

@@ -11,6 +11,7 @@ import pytest
 from golden.msv2_ref import supertiles
 from golden.msv2_ref.array import render_visits
 from golden.msv2_ref.batches import FrameBatches, cut_batches
+from golden.msv2_ref.events import expected_events
 from golden.msv2_ref.pipeline import Frame, render
 from golden.scenes.embedded.splats import cached_embedded_model
 from golden.scenes.embedded.views import embedded_cameras
@@ -18,7 +19,6 @@ from golden.scenes.levels import smfr_levels
 from spec.config import TINY, TINY_V3, V3, V3_RECORDS
 from spec.constants import SUPER_X, SUPER_Y
 from spec.supertiles import CHUNK_RUN, CHUNK_STREAMS, HEADER_WAYS, SEQUENCE_BITS
-from tb.top.check import expected_events
 from tests.helpers.golden_samples import map_for, random_model, splats, turned_view, view
 
 SMALL = TINY_V3.with_(batch_places=16)

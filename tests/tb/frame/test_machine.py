@@ -12,6 +12,7 @@ from golden.msv2_ref import pipeline
 from golden.msv2_ref.frame_memory import display_pixels
 from spec.config import PAPER_SMALL, TINY
 from spec.constants import TILE
+from spec.errors import InputError
 from spec.lpddr3 import CHANNELS
 from spec.memory import BEAT_BYTES, DISPLAY_PIXEL_BYTES, PIXEL_BYTES, display_pixel, frame_pixel, page_beats
 from spec.packing import pack
@@ -204,3 +205,12 @@ def test_a_wrong_counter_fails(copied, tmp_path, monkeypatch, capfd):
     status, report = run_command(SCENE, tmp_path)
     assert status == 1 and report["bit_exact"] is True and len(report["counter_errors"]) == 1
     assert "counter survivors must be 1, not" in capfd.readouterr().out
+
+
+def test_two_eyes_are_refused_by_the_name_of_a_machine_that_has_them(tmp_path):
+    out = ["--out", str(tmp_path / "x")]
+    with pytest.raises(InputError, match=r"^two eyes are not accepted: the RTL of config 'v3' has no joint frames; "):
+        command.main(["embedded", "--config", "v3", "--stereo", *out])
+    with pytest.raises(InputError, match="`paper` renders two eyes"):
+        command.main(["embedded", "--config", "v3", "--set", "stereo=true", *out])
+    assert not list(tmp_path.iterdir())

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from golden.host.memory_image import read_packed
+from golden.msv2_ref.events import expected_events
 from golden.msv2_ref.frame_memory import display_pixels
 from golden.msv2_ref.frame_packing import PackedFrame, display_bytes, pack_frame
 from golden.msv2_ref.pipeline import Frame
 from spec.codes import ErrorCode
 from spec.memory import BEAT_BYTES
 from spec.packed import SLOT_BEATS, table_beat
-from tb.top.check import expected_events, mismatches
+from tb.top.check import mismatches
 from tb.top.check_packed import packed_counter_errors
 from tb.top.planned import pixels_of, problems
 from tb.top.player import FrameResult

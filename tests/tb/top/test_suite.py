@@ -8,12 +8,12 @@ import pytest
 from golden.host.memory_image import DisplayPixels, FramePixels
 from golden.msv2_ref import projection
 from golden.msv2_ref.batches import FrameBatches
+from golden.msv2_ref.events import expected_events
 from spec.chunks import CHUNK
 from spec.codes import ErrorCode
 from spec.config import TINY
 from spec.host_settings import first_illegal
 from tb.frame.bound import array_ops, least_cycles
-from tb.top.check import expected_events
 from tb.top.check_stereo import stereo_events
 from tb.top.player import FrameResult, setting_writes
 from tb.top.suite import DISTINCT, VARIANTS, broken_plan, good_plan, problems
