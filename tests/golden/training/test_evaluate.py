@@ -1,5 +1,7 @@
 """What models are judged by."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from golden.diff.gaussians import to_model  # noqa: E402
 from golden.metrics import image as metrics  # noqa: E402
 from golden.metrics.hvsq import Hvsq  # noqa: E402
 from golden.oracle.render import render as oracle_render  # noqa: E402
-from golden.training.evaluate import Gate, Quality, evaluate  # noqa: E402
+from golden.training.evaluate import MARGIN, MOST_GAIN, Gate, Quality, evaluate  # noqa: E402
 from tests.helpers.training_samples import GuardedScene, guarded, small_dense, small_scene  # noqa: E402
 
 
@@ -69,6 +71,20 @@ def test_gate_asks_for_half_the_standard_error_of_few_views():
     even = Quality(29.8, 0.9, 1.0, 1.0, 1, views=((24.8, 0.9), (34.8, 0.9)))
     assert gate.slack(uneven) == pytest.approx((29.79 - 0.105) / 29.7 - 1) and not gate.passes(uneven)
     assert gate.slack(even) == pytest.approx(29.8 / 29.7 - 1) and gate.passes(even)
+
+
+def test_a_gain_in_one_view_does_not_pay_for_losses_in_the_others():
+    """A gain of 8 dB counts as MOST_GAIN; a loss counts in full."""
+    dense = Quality(25.0, None, 1.0, 1.0, 1, views=((10.0,), (30.0,), (35.0,)))
+    gate = Gate.of(dense, 0.01)
+    lucky = Quality(27.0, None, 1.0, 1.0, 1, views=((18.0,), (29.0,), (34.0,)))
+    gains = np.array([MOST_GAIN, -1, -1])
+    counted = 25 + gains.mean() - MARGIN * gains.std(ddof=1) / np.sqrt(3)
+    assert gate.slack(lucky) == pytest.approx(counted / 24.75 - 1) and not gate.passes(lucky)
+    assert replace(gate, dense=()).slack(lucky) == pytest.approx(27 / 24.75 - 1)
+    both = Gate.of(replace(dense, ssim=0.5, views=tuple((*view, 0.5) for view in dense.views)), 0.01, "both")
+    assert both.slack(replace(lucky, ssim=0.9, views=((18.0, 1.0), (29.0, 0.9), (34.0, 0.8)))) == pytest.approx(
+        counted / 24.75 - 1)
 
 
 def test_refusals(scene):

@@ -138,15 +138,18 @@ def test_a_prune_that_does_not_heal_is_undone_and_halved(scene, dense):
     assert stage.history[-1].iteration == 14 and evaluate(stage.result(), scene, scene.validation).psnr >= stage.gate.psnr
 
 
-@pytest.mark.parametrize(("failures", "share"), [(0, 0.2), (1, 0.1), (3, 0.2 / 6)])
-def test_a_prune_takes_no_more_than_the_rest_can_recover_from(scene, dense, failures, share):
-    """With six checks left: after two checks the next recovery would take three times two, after four three times four. After a
-    recovery at once the share doubles, up to `fraction`."""
-    stage = run(PruneStage(scene, dense, "H", PruneOptions(iterations=120, interval=10, fraction=0.2)), 1)
-    stage.done, stage._failures = 60, failures
-    stage._fraction = 0.1 if failures < 2 else 0.2 / 3
+@pytest.mark.parametrize(("failures", "left", "growth"), [
+    (0, 6, 2), (1, 6, 1), (3, 6, 1 / 2), (1, 60, 2), (2, 60, 4 / 3), (3, 60, 1), (5, 60, 2 / 3), (11, 120, 1 / 2), (3, 3, 1 / 4)])
+def test_a_prune_follows_how_long_the_last_recovery_took(scene, dense, failures, left, growth):
+    """As far as FEW = 4 checks say, by up to twice and half; and by less where the next recovery, which may take three times as
+    many checks, would not end. After a recovery at once the share doubles, up to `fraction`."""
+    stage = run(PruneStage(scene, dense, "H", PruneOptions(iterations=1500, interval=10, fraction=0.2)), 1)
+    stage.done, stage._failures, stage._fraction = 1500 - 10 * left, failures, 0.04
     stage._go_on()
-    assert stage._fraction == pytest.approx(share)
+    assert stage._fraction == pytest.approx(0.04 * growth)
+    stage._failures, stage._fraction = 0, 0.15
+    stage._go_on()
+    assert stage._fraction == 0.2
 
 
 @pytest.mark.parametrize(("slack", "done", "hopeless"), [
