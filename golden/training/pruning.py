@@ -40,9 +40,9 @@ SLOWER = 3
 200x133 a quarter of the points took 900 iterations at 54,000 points and 2,400 at 41,000."""
 
 FEW = 4
-"""Checks after a prune until the gate passes again that are worth it: where it took fewer, the next prune takes a larger share,
-where it took more, a smaller one, by up to twice and half. On bonsai at 200x133, 6,400 iterations cut intersections 2.16 times so,
-and 1.97 times where the share fell only when a prune had to be undone."""
+"""Checks that a recovery should take. Where the last one took fewer, the next prune takes a larger share, by up to twice; where
+it took more, a smaller one, down to half. On bonsai at 200x133, 6,400 iterations cut intersections 2.16 times so, and 1.97 times
+where the share fell only when a prune had to be undone."""
 
 RECOVERY = 1
 """Intervals from a failed gate to the next check. A check costs a few iterations' time, and a model that has recovered should
@@ -280,8 +280,8 @@ class PruneStage(Stage):
         return check
 
     def _go_on(self) -> bool:
-        """After a pass, prunes the model; by a larger share if the last prune was easy, and by a smaller one if it was not or if
-        the next recovery would take longer than what is left."""
+        """After a pass, prunes the model: more than the last time if that was easy, and less if it was not or if the next recovery
+        would take longer than what is left."""
         if not self._removes:
             return True
         took = self._failures + 1

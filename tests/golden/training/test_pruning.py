@@ -139,7 +139,8 @@ def test_a_prune_that_does_not_heal_is_undone_and_halved(scene, dense):
 
 
 @pytest.mark.parametrize(("failures", "left", "growth"), [
-    (0, 6, 2), (1, 6, 1), (3, 6, 1 / 2), (1, 60, 2), (2, 60, 4 / 3), (3, 60, 1), (5, 60, 2 / 3), (11, 120, 1 / 2), (3, 3, 1 / 4)])
+    (0, 6, 2), (1, 6, 1), (3, 6, 1 / 2), (1, 60, 2), (2, 60, 4 / 3), (3, 60, 1), (5, 60, 2 / 3), (11, 120, 1 / 2),
+    (3, 3, 1 / 4)])
 def test_a_prune_follows_how_long_the_last_recovery_took(scene, dense, failures, left, growth):
     """As far as FEW = 4 checks say, by up to twice and half; and by less where the next recovery, which may take three times as
     many checks, would not end. After a recovery at once the share doubles, up to `fraction`."""
