@@ -41,8 +41,8 @@ SLOWER = 3
 
 FEW = 4
 """Checks that a recovery should take. Where the last one took fewer, the next prune takes a larger share, by up to twice; where
-it took more, a smaller one, down to half. On bonsai at 200x133, 6,400 iterations cut intersections 2.16 times so, and 1.97 times
-where the share fell only when a prune had to be undone."""
+it took more, a smaller one, down to half. On bonsai at 200x133, 6,400 iterations cut intersections 2.16 times so, and 1.97
+times where the share fell only when a prune had to be undone."""
 
 RECOVERY = 1
 """Intervals from a failed gate to the next check. A check costs a few iterations' time, and a model that has recovered should
@@ -280,8 +280,8 @@ class PruneStage(Stage):
         return check
 
     def _go_on(self) -> bool:
-        """After a pass, prunes the model: more than the last time if that was easy, and less if it was not or if the next recovery
-        would take longer than what is left."""
+        """After a pass, prunes the model: more than the last time if that was easy, and less if it was not or if the next
+        recovery would take longer than what is left."""
         if not self._removes:
             return True
         took = self._failures + 1
