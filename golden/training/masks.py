@@ -148,7 +148,7 @@ class MaskStage(PruneStage):
         super().__init__(scene, dense, variant, options, seed=seed, rates=rates, name=f"prune-{COMPACT}")
 
     def _retraining(self, dense: Gaussians, seed: int, rates: Mapping[str, float] | None) -> MaskedRetraining:
-        return MaskedRetraining(self._scene, dense, seed, self.name, rates)
+        return MaskedRetraining(self._scene, dense, seed, self.name, rates, squared=self._squared)
 
     @property
     def _removes(self) -> bool:

@@ -11,7 +11,7 @@ from golden.diff.gaussians import Gaussians
 from golden.diff.render import Rendering, render
 from golden.metrics.ssim import Ssim
 from golden.training.average import Average
-from golden.training.losses import photometric
+from golden.training.losses import photometric, with_squared_error
 from golden.training.optimiser import Optimiser, dense_rates
 from golden.training.representable import Bounds
 from golden.training.scale_decay import balance, weighted_scale
@@ -45,22 +45,26 @@ def retraining_rates(scene: TrainingScene) -> dict[str, float]:
 
 
 class Retraining:
-    """Adam on all parameters with the composite loss 0.8 L1 + 0.2 (1 - SSIM) + gamma WS, one training view in each iteration.
+    """Adam on all parameters with the composite loss 0.8 L1 + 0.2 (1 - SSIM) + gamma WS, one training view in each iteration. To
+    the photographs' part the squared error can be added with the same weight.
 
     Args:
         scene: the scene to train on; test and validation views are not read.
         gaussians: the Gaussians, which are copied.
         seed, purpose: seeds of the order of views.
         rates: Adam's rates by field; None for `retraining_rates`.
+        squared: whether the squared error is added.
 
     Attributes:
         view: the view of the last iteration; None before the first.
     """
 
     def __init__(
-        self, scene: TrainingScene, gaussians: Gaussians, seed: int, purpose: str, rates: Mapping[str, float] | None = None
+        self, scene: TrainingScene, gaussians: Gaussians, seed: int, purpose: str, rates: Mapping[str, float] | None = None,
+        *, squared: bool = False,
     ) -> None:
         self.view: int | None = None
+        self._squared = squared
         self._scene, self._seed, self._purpose = scene, seed, purpose
         self._rates = retraining_rates(scene) if rates is None else rates
         width, height = scene.cameras[scene.train[0]].width, scene.cameras[scene.train[0]].height
@@ -135,10 +139,12 @@ class Retraining:
         return float(loss.detach())
 
     def _rendered(self, view: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """The photometric loss of a view, and the loss that gamma weighs."""
+        """The loss of a view's photograph, and the loss that gamma weighs."""
         rendering = render(self._shown(), self._scene.cameras[view], alpha_max=ALPHA_MAX_L1)
         image, photograph = self._scene.unmasked(view, rendering.image), self._scene.photograph(view).to(self.gaussians.device)
         loss = photometric(image, self._ssim(view), photograph)
+        if self._squared:
+            loss = with_squared_error(loss, image, photograph)
         decay = self._decay(rendering)
         self._sums[0] += float(loss.detach())
         self._sums[1] += float(decay.detach())
