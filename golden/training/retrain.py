@@ -45,8 +45,8 @@ def retraining_rates(scene: TrainingScene) -> dict[str, float]:
 
 
 class Retraining:
-    """Adam on all parameters with the composite loss 0.8 L1 + 0.2 (1 - SSIM) + gamma WS, one training view in each iteration. To
-    the photographs' part the squared error can be added with the same weight.
+    """Adam on all parameters with the composite loss 0.8 L1 + 0.2 (1 - SSIM) + gamma WS, one training view in each iteration.
+    To the photographs' part the squared error can be added with the same weight.
 
     Args:
         scene: the scene to train on; test and validation views are not read.
