@@ -29,9 +29,13 @@ _ANY_NEGATIVE = "numpy infers a dimension from any negative number"
 EQUAL = (
     Equal("spec/chunks.py", "TESTED_CHUNKS = 9", "the depth of a queue, on which only cycles depend"),
     Equal("golden/host/chunks.py", "smallest = largest = -2", "only its sign is read"),
+    Equal("golden/host/chunks.py", "(1 << OPACITY_BITS) - 2)", "codes of opacities up to 128, the largest, end at 479"),
+    Equal("golden/host/chunks.py", "np.where(size > 1,", "the loop goes on to the same step from a smaller one"),
     Equal("golden/host/compact.py", "reshape(-2, 3 * MAX_LEVELS)", _ANY_NEGATIVE),
     Equal("golden/host/joint_registers.py", "warp.reshape(-2)", _ANY_NEGATIVE),
+    Equal("golden/host/memory_image.py", "_FIRST_BEAT, _GUARD_BEATS = (3, 6)", "any gap between regions is as good"),
     Equal("golden/host/order.py", "-(-record.width * 64) * 8", "more words of zeros, which order nothing"),
+    Equal("golden/host/quantise.py", "model.sh_degree >= config.sh_degree", "a model cut to its own degree stays as it is"),
     Equal("golden/host/quantise.py", "(scale >= largest)", "no float64 has the largest scale as its exponential"),
     Equal("golden/msv2_ref/array_kernel.py", "support=1 << 31", "either is beyond every falloff"),
     Equal("golden/msv2_ref/batches.py", "reshape(len(rows), -2)", _ANY_NEGATIVE),

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from golden.host.memory_image import memory_image
+from golden.host.memory_image import memory_image, view_shift
 from golden.msv2_ref.joint import JointFrame, render_joint
 from golden.scenes.gaze import Display, foveation_map
 from golden.scenes.stereo import stereo_pair
@@ -88,3 +90,9 @@ def test_machines_without_joint_frames_refuse_them():
     frame = joint_frame(0)
     with pytest.raises(InputError, match=r"^two eyes are not accepted: the RTL of config 'tiny_v3' has no joint frames"):
         memory_image(TINY_V3, frame.source.words, frame.registers.source, second=frame.registers, **ROOM)
+
+
+@pytest.mark.parametrize(("levels", "shift"), [((0, 0), 0), ((1, 0), 1), ((0, 1), 1), ((0, 2), 2), ((3, 0), 2)])
+def test_there_are_as_many_splat_records_as_either_eye_has_levels(levels, shift):
+    eyes = [SimpleNamespace(header=np.array([[level, 1, 0], [0, 0, 0]])) for level in levels]
+    assert view_shift(*eyes) == shift
