@@ -51,6 +51,16 @@ def test_each_edge_of_the_widened_frame_divides_points(edge: str):
     assert depths_in_view(points_at(camera, x, y, np.array([2.0, 3.0])), ORIGIN, camera) == pytest.approx([kept])
 
 
+def test_points_exactly_on_an_edge_are_outside():
+    """A camera at the origin whose pixels are a world unit wide at depth 1; also the near plane."""
+    camera = replace(camera_of(100, 60), rotation=np.eye(3), translation=np.zeros(3), fx=1.0, fy=1.0, cx=0.0, cy=0.0, near=0.5)
+    least, most = -DEPTH_FRAME_MARGIN, 1 + DEPTH_FRAME_MARGIN
+    edges = [(least * 100, 30, 1), (most * 100, 30, 1), (50, least * 60, 1), (50, most * 60, 1), (25, 15, 0.5)]
+    assert len(depths_in_view(np.array(edges), np.zeros(3), camera)) == 0
+    within = np.array(edges) + [(1e-9, 0, 0), (-1e-9, 0, 0), (0, 1e-9, 0), (0, -1e-9, 0), (0, 0, 1e-9)]
+    assert len(depths_in_view(within, np.zeros(3), camera)) == 5
+
+
 def test_depth_saturates_beyond_what_the_camera_sees():
     camera = turned()
     middle = np.full(100, camera.width / 2), np.full(100, camera.height / 2)
