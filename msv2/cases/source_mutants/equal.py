@@ -38,6 +38,8 @@ EQUAL = (
     Equal("golden/host/quantise.py", "model.sh_degree >= config.sh_degree", "a model cut to its own degree stays as it is"),
     Equal("golden/host/quantise.py", "(scale >= largest)", "no float64 has the largest scale as its exponential"),
     Equal("golden/msv2_ref/array_kernel.py", "support=1 << 31", "either is beyond every falloff"),
+    Equal("golden/msv2_ref/array_kernel.py", "work.use[work.start[visit]:work.start[visit - 1]]",
+          "the compiled loop runs over `order` and reads the rows of `use` from the same place on"),
     Equal("golden/msv2_ref/batches.py", "reshape(len(rows), -2)", _ANY_NEGATIVE),
     Equal("golden/msv2_ref/buckets.py", "bounds.key.max(initial=1)", "one bit more keeps super-tiles apart, too"),
     Equal("golden/msv2_ref/chunk_test.py", "np.zeros((len(chunks), 3), np.int64)", "the third column is never read"),

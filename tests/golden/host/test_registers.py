@@ -57,8 +57,8 @@ def test_points_exactly_on_an_edge_are_outside():
     least, most = -DEPTH_FRAME_MARGIN, 1 + DEPTH_FRAME_MARGIN
     edges = [(least * 100, 30, 1), (most * 100, 30, 1), (50, least * 60, 1), (50, most * 60, 1), (25, 15, 0.5)]
     assert len(depths_in_view(np.array(edges), np.zeros(3), camera)) == 0
-    within = np.array(edges) + [(1e-9, 0, 0), (-1e-9, 0, 0), (0, 1e-9, 0), (0, -1e-9, 0), (0, 0, 1e-9)]
-    assert len(depths_in_view(within, np.zeros(3), camera)) == 5
+    steps = np.array([(1e-9, 0, 0), (-1e-9, 0, 0), (0, 1e-9, 0), (0, -1e-9, 0), (0, 0, 1e-9)])
+    assert len(depths_in_view(edges + steps, np.zeros(3), camera)) == 5
 
 
 def test_depth_saturates_beyond_what_the_camera_sees():
