@@ -57,6 +57,8 @@ EQUAL = (
     Equal("golden/msv2_ref/plan.py", "_NOT_YET = (-1.0, 0.01, 0.0)", "the plane is below 0 in all 16 columns of a tile"),
     Equal("golden/msv2_ref/supertiles.py", "max(ranked, 2)", "any factor above every rank gives the same order"),
     Equal("golden/msv2_ref/tile_lists.py", "pages.reshape(-2, WORDS)", _ANY_NEGATIVE),
+    Equal("golden/msv2_ref/tile_lists.py", "pages.reshape(-2, WORDS // BEAT_ENTRIES)", _ANY_NEGATIVE),
+    Equal("golden/msv2_ref/tile_test.py", "max(first, 0.01)", "a column is compared with whole columns, or rounded down"),
     Equal("golden/msv2_ref/tile_test.py", "1.01 if none", "it is above the last tile, 0, too, so no tile is visited"),
     Equal("golden/msv2_ref/warp.py", "key[row, column] >= key[row, old]", "pixels with equal keys never meet"),
 )

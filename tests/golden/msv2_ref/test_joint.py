@@ -277,6 +277,17 @@ def test_visits_give_the_pixels_of_both_eyes(frame):
             assert np.array_equal(got, getattr(drawn.pixels, name)[tile]), name
 
 
+def test_records_of_places_have_the_tiles_of_their_eye(frame):
+    b = JointBatches(frame)
+    p, rows = b.places, b.place_records
+    masks = {(number, splat): tiles for number, pairs in lists_of(frame).items() for *_, splat, tiles in pairs}
+    number = np.repeat(np.arange(len(frame.pairs.start) - 1), np.diff(frame.pairs.start))
+    wanted = [masks[int(number[pair]), int(frame.pairs.splat[pair])][eye] for pair, eye in zip(p.pair, p.eye, strict=True)]
+    assert rows["mask"].tolist() == wanted and min(wanted) > 0
+    assert rows["level"].tolist() == p.level.tolist() and rows["last"].tolist() == p.last.tolist()
+    assert "eye" not in rows.dtype.names or rows["eye"].tolist() == p.eye.tolist()
+
+
 def test_a_stream_has_the_visits_of_both_eyes(frame):
     b = JointBatches(frame)
     visits, entries = b.stream_records()
