@@ -113,8 +113,8 @@ def _grids(config: AcceleratorConfig, low: np.ndarray, high: np.ndarray) -> tupl
     while True:
         code = position_codes(low, step, high)
         short = code > most
-        if not short.any():
-            reached = np.maximum(place(config, low, step, code), high)  # 65,535.5 steps at most, within 256 boxes of 256
+        if not short.any():  # then `reached` is at most 65,535.5 steps away, within the 256 boxes of 256 steps
+            reached = np.maximum(place(config, low, step, code), high)
             cells = np.ceil(np.ldexp(_above(reached, low), STEP_BIAS - BOX_SHIFT - step))
             return step, np.maximum(cells, 1).astype(np.int64) - 1
         if (step[short] == (1 << STEP_BITS) - 1).any():

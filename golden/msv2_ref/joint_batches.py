@@ -121,9 +121,9 @@ class JointBatches(PairBatches[JointFrame, JointPairs]):
         visits = self.stream_visits(stream)
         return self._records(visits, np.flatnonzero(visits.eye == eye))
 
-    def stream_records(self, stream: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """TileVisit and VisitEntry records of the visits of both eyes, as the array of a stream takes them."""
-        visits = self.stream_visits(stream)
+    def stream_records(self) -> tuple[np.ndarray, np.ndarray]:
+        """TileVisit and VisitEntry records of the visits of both eyes, as the array of a machine with one stream takes them."""
+        visits = self.stream_visits()
         return self._records(visits, np.arange(len(visits.eye)))
 
     def _records(self, v: JointVisits, mine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

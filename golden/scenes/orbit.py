@@ -249,7 +249,7 @@ def _horizontal_axes(up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The cross product of two vectors, each (3,). `np.cross` gives the same bits and takes ten times as long."""
+    """The cross product of two vectors, each (3,). `np.cross` gives the same bits and takes much longer."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 

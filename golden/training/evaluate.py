@@ -22,8 +22,8 @@ MARGIN = 0.5
 """Standard errors of the mean loss that a gate requires above its threshold."""
 
 MOST_GAIN = 1.0
-"""dB by which a view counts at most as better than the dense model's. On bonsai a splat in front of one camera of 27 held that
-view of the dense model at 7.4 dB; pruning it away gained 8.6 dB there, and would have paid for 0.32 dB in all other views."""
+"""dB by which a view counts at most as better than the dense model's. Where a splat in front of one camera spoils a view of the
+dense model, pruning it away gains many dB in that view, which would pay for losses in all others."""
 
 
 @dataclass(frozen=True)

@@ -41,8 +41,8 @@ SLOWER = 3
 
 FEW = 4
 """Checks that a recovery should take. Where the last one took fewer, the next prune takes a larger share, by up to twice; where
-it took more, a smaller one, down to half. On bonsai at 200x133, 6,400 iterations cut intersections 2.16 times so, and 1.97
-times where the share fell only when a prune had to be undone."""
+it took more, a smaller one, down to half. Large prunes from which the model does not recover, and which are then undone, waste
+more iterations than several smaller ones take."""
 
 RECOVERY = 1
 """Intervals from a failed gate to the next check. A check costs a few iterations' time, and a model that has recovered should
@@ -239,9 +239,7 @@ class PruneStage(Stage):
 
     @property
     def _squared(self) -> bool:
-        """Whether to train on the squared error, too: where the gate reads PSNR alone. On bonsai at 200x133, 6,400 iterations
-        cut intersections 2.54 times with it, at an SSIM of 0.760 on test views, and 2.16 times without, at 0.772; the dense
-        model has 0.783."""
+        """Whether to train on the squared error, too: where the gate reads PSNR alone. SSIM falls by it (docs/training.md)."""
         return self.options.gate == "psnr"
 
     @property

@@ -62,7 +62,7 @@ def fuzz(
     they run. `resume` goes on from the record in the folder.
 
     Raises:
-        InputError: the record in the folder is of another seed.
+        InputError: the record in the folder is of another seed, or is none.
     """
     absent = {name: packages for name in names if (packages := runs.missing(name))}
     counts = runs.shares([name for name in names if name not in absent], cases)
@@ -84,10 +84,15 @@ def _earlier(path: Path, seed: int) -> dict[str, runs.Tally]:
     if not path.exists():
         return {}
     record = read_json(path)
-    if record["seed"] != seed:
-        raise InputError(f"{path} is a record of seed {record['seed']}, not {seed}: give the same, or another --out")
-    return {name: runs.Tally({key: row[key] for key in OUTCOMES}, row["failures"], row["seconds"], row["slowest_seconds"])
-            for name, row in record["formats"].items()}
+    try:
+        found = {name: runs.Tally({key: row[key] for key in OUTCOMES}, row["failures"], row["seconds"], row["slowest_seconds"])
+                 for name, row in record["formats"].items()}
+        before = record["seed"]
+    except (AttributeError, KeyError, TypeError) as error:
+        raise InputError(f"{path} is no record of a run of the fuzzer ({error!r}): give another --out") from error
+    if before != seed:
+        raise InputError(f"{path} is a record of seed {before}, not {seed}: give the same, or another --out")
+    return found
 
 
 def _record(found: Mapping[str, runs.Tally], seed: int, absent: Mapping[str, Sequence[str]]) -> dict[str, Any]:

@@ -52,8 +52,6 @@ EQUAL = (
     Equal("golden/msv2_ref/fetch.py", "bits = 1", "differs for one set only, whose number is 0 in any case"),
     Equal("golden/msv2_ref/joint.py", "np.zeros(4)", "the background of a frame of which only a depth is read"),
     Equal("golden/msv2_ref/joint.py", "+(-camera.height // TILE)", "the frame's registers are checked again"),
-    Equal("golden/msv2_ref/joint_batches.py", "def stream_records(self, stream: int=1)",
-          "no caller leaves the number out where there are several streams, and one stream has every number"),
     Equal("golden/msv2_ref/plan.py", "_NOT_YET = (-1.0, 0.01, 0.0)", "the plane is below 0 in all 16 columns of a tile"),
     Equal("golden/msv2_ref/supertiles.py", "max(ranked, 2)", "any factor above every rank gives the same order"),
     Equal("golden/msv2_ref/tile_lists.py", "pages.reshape(-2, WORDS)", _ANY_NEGATIVE),

@@ -122,6 +122,10 @@ def test_a_run_goes_on_where_an_earlier_one_ended(monkeypatch, tmp_path):
     assert record("--cases", "10", "--resume") == at_once and asked == [*range(10), *range(4, 10)]
     with pytest.raises(InputError, match="of seed 1, not 2"):
         record("--seed", "2", "--resume")
+    for text in ("{}", '{"seed": 1, "formats": [3]}', '{"seed": 1, "formats": {"splat": {"cases": 3}}}'):
+        (tmp_path / "fuzz.json").write_text(text)
+        with pytest.raises(InputError, match=r"fuzz\.json is no record of a run of the fuzzer"):
+            record("--resume")
 
 
 def test_one_case_leaves_its_files(tmp_path, capsys):
