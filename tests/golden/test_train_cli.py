@@ -199,7 +199,7 @@ def inria_folder_of_two(tmp_path: Path) -> Path:
     (["--seed", "-1"], "seed -1"), (["--device", "tpu"], "device 'tpu' is not accepted: auto, cpu, cuda are"),
     (["--from", "missing.ply"], "missing.ply: does not exist"), (["missing"], "missing: does not exist"),
     (["--from", "missing.ply", "--max-points", "9"], "max-points is not accepted together with --from"),
-    (["--resume"], "holds no checkpoint to resume from"),
+    (["--size", "64x64", "--resume"], "holds no checkpoint to resume from"),
 ])
 def test_bad_input_names_the_value(tmp_path, argv, message):
     with pytest.raises(InputError, match=re.escape(message)):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 from dataclasses import dataclass
+from functools import cache
 
 from msv2.cases.source_mutants.draw import SourceMutant, mutated
 
@@ -62,9 +63,14 @@ EQUAL = (
 )
 
 
+@cache
+def _unparsed(text: str) -> list[str]:
+    return ast.unparse(ast.parse(text)).splitlines()
+
+
 def changed_line(text: str, mutant: SourceMutant) -> tuple[str, str]:
     """The line of a module that a mutant changes, before and after, as `ast.unparse` writes it."""
-    before, after = ast.unparse(ast.parse(text)).splitlines(), mutated(text, mutant).splitlines()
+    before, after = _unparsed(text), mutated(text, mutant).splitlines()
     (place,) = [n for n, (old, new) in enumerate(zip(before, after, strict=True)) if old != new]
     return before[place].strip(), after[place].strip()
 

@@ -178,7 +178,8 @@ def measure_scene(
     scene = prepared.scene
     record = {
         "scene": scene.name, "size": list(scene.size), "references": prepared.references,
-        "options": {**prepared.options, "scene": Path(prepared.options["scene"]).name},
+        "options": {**prepared.options, **{name: Path(prepared.options[name]).name  # without the folders of this machine
+                                           for name in ("scene", "from") if prepared.options.get(name)}},
         "views": {"train": len(scene.train), "validation": len(scene.validation), "test": len(scene.judged),
                   "doubtful_test": len(scene.test) - len(scene.judged)},
         "seconds": trained.seconds}

@@ -22,6 +22,7 @@ def rows():
     return [*good_rows(TINY_OVERLAP, 0), *broken_rows(TINY_OVERLAP, 0)]
 
 
+@pytest.mark.long  # test_overlap_eyes.py plays rows in short on a machine that has these units, too
 def test_rows_in_short(rows, tmp_path):
     short = [row for row in rows if row.name == "turning" or any(words in row.name for words in IN_SHORT[1:])]
     assert {frame.error for row in short for frame in row.frames} >= {
