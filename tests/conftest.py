@@ -3,7 +3,7 @@
     torch   reaches a module that imports torch
     rtl     reaches the runner of Verilator, lies in tests/rtl or tests/tb, or starts a simulation as a process
     data    takes the fixture `data_dir`
-    slow    has taken more than SLOW_SECONDS of processor time, by tests/slow.json, which `--record-slow` writes; tests of the
+    slow    has taken more processor time than `allowed_seconds`, by tests/slow.json, which `--record-slow` writes; tests of the
             project's structure never are
 
 `make check` runs the tests that have none of these markers, and no `long`.
@@ -30,6 +30,12 @@ DEFAULT_DATA = Path(__file__).parents[2] / "shared" / "data"
 
 SLOW_SECONDS = 0.7
 """Processor time of a test function with all its parameters from which on `make check` leaves it out."""
+
+NOTICING = ("tests/spec/", "tests/golden/host/", "tests/golden/msv2_ref/")
+"""Folders whose tests notice mutants of spec and golden, for which only quick tests are run..."""
+
+NOTICING_SECONDS = 7.0
+"""... and which are therefore left out from a longer time on."""
 
 SLOW = Path(__file__).parent / "slow.json"
 
@@ -90,6 +96,11 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 def function_of(nodeid: str) -> str:
     """A test without its parameters."""
     return nodeid.partition("[")[0]
+
+
+def allowed_seconds(name: str) -> float:
+    """Processor time from which on a test function is slow."""
+    return NOTICING_SECONDS if name.startswith(NOTICING) else SLOW_SECONDS
 
 
 def pytest_collection_modifyitems(items: list[pytest.Function]) -> None:
@@ -154,7 +165,7 @@ class Reporter:
             kept = json.loads(SLOW.read_text())["seconds"] if SLOW.exists() else {}
             known = {name: value for name, value in self.seconds.items() if not math.isnan(value)}
             kept = {name: value for name, value in kept.items() if name not in known}
-            kept |= {name: round(value, 1) for name, value in known.items() if value > SLOW_SECONDS}
+            kept |= {name: round(value, 1) for name, value in known.items() if value > allowed_seconds(name)}
             text = {"command": "python -m pytest --record-slow", "seconds": dict(sorted(kept.items()))}
             SLOW.write_text(json.dumps(text, indent=1) + "\n")
 

@@ -15,7 +15,7 @@ def test_there_is_a_list_for_every_stored_machine() -> None:
 
 
 SHORT = ("paper", "v3_eyes_warp")
-"""The machines that have, together, the units of all."""
+"""Machines that have a unit of every name; those of the others differ in their parameters, and are for the long tests."""
 
 
 @pytest.mark.parametrize("name", [

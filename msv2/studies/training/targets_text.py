@@ -52,7 +52,8 @@ def equal_target(row: Mapping[str, Any]) -> tuple[str, str, bool]:
     if equal["ours"] is None:
         return asked, f"ours never looked at {equal['psnr']:.2f} dB", False
     times = equal["entries"] / max(equal["ours"], 1.0)
-    return asked, f"{times:.2f} times fewer at {equal['psnr']:.2f} dB", times > 1
+    share = f"{times:.2f} times fewer" if times > 1 else f"{1 / times:.2f} times as many"
+    return asked, f"{share} at {equal['psnr']:.2f} dB", times > 1
 
 
 def _levels(by_method: Mapping[str, Mapping[str, Any]], fewer: Sequence[float]) -> Iterator[Row]:

@@ -34,7 +34,7 @@ from msv2.studies.training.level_curves import LevelCurve, level_curves  # noqa:
 from msv2.studies.training.rtl_cycles import RtlCycles  # noqa: E402
 from msv2.studies.training.tables_text import markdown  # noqa: E402
 from msv2.studies.training.tables_text import pruning_table as pruning_text  # noqa: E402
-from msv2.studies.training.targets_text import targets_rows  # noqa: E402
+from msv2.studies.training.targets_text import equal_target, targets_rows  # noqa: E402
 from spec.errors import InputError  # noqa: E402
 from tests.helpers.training_samples import small_dense, small_scene  # noqa: E402
 
@@ -230,6 +230,14 @@ def trained(dense):
 
 def prepared(scene):
     return tables.Prepared(replace(scene, test=scene.test[:1]), "photographs", RECIPE, {}, {}, [], {"scene": "embedded"})
+
+
+@pytest.mark.parametrize(("ours", "says", "good"), [
+    (50.0, "2.00 times fewer at 29.20 dB", True), (150.0, "1.50 times as many at 29.20 dB", False),
+    (None, "ours never looked at 29.20 dB", False)])
+def test_what_equal_psnr_costs_is_said_either_way(ours, says, good):
+    equal = {"psnr": 29.2, "entries": 100.0, "ours": ours}
+    assert equal_target({"equal": equal})[1:] == (says, good)
 
 
 def test_page_plot_and_json_hold_every_scene(tmp_path, scene, dense):
