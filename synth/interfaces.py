@@ -40,7 +40,7 @@ class Interface:
     """The timing of a module at its ports, in whole ps. A port `inner.port` is the pin of the module `inner` inside it.
 
     Attributes:
-        source: a hash of the module's RTL (`source_hash`).
+        source: a hash of the RTL that it was measured on (`source_hash`).
         inside: the longest time between its own registers and memories.
         below: the modules inside it that have interfaces of their own: their kinds by instance.
         arrives: by output, the time from the clock to the output.
@@ -61,8 +61,9 @@ class Interface:
 
 
 def source_hash(design: Design, name: str) -> str:
-    """16 hexadecimal digits of a module's RTL and of the ports of the modules inside it."""
-    return hashlib.sha256(design.source(name).encode()).hexdigest()[:16]
+    """16 hexadecimal digits of the RTL that an interface is measured on: the module, and all modules inside it down to those
+    that have interfaces of their own, of which the ports count alone."""
+    return hashlib.sha256("\n".join(design.source(module) for module in measured(design, name)).encode()).hexdigest()[:16]
 
 
 def interfaced(design: Design) -> dict[str, list[str]]:

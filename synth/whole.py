@@ -56,6 +56,7 @@ class WholeTiming:
         logic_um2: area of all cells.
         hold_buffers: those of the cells that were put before memories' pins against misses of hold.
         hold_um2: their area, which is in no other report.
+        measured: modules whose interfaces were measured for this; the others' are stored ones.
     """
 
     config: str
@@ -70,6 +71,7 @@ class WholeTiming:
     logic_um2: float = 0.0
     hold_buffers: int = 0
     hold_um2: float = 0.0
+    measured: int = 0
 
 
 def time_config(
@@ -146,7 +148,7 @@ def time_ports(
     new = _interfaces(design, old, parts, folder / f"interfaces-{config.name}", progress)
     return WholeTiming(
         config.name, {}, {name: new.get(name) or kept.interfaces[name] for name in interfaced(design)}, _sources(config),
-        len(design.texts), design.counts().total(), 0)
+        len(design.texts), design.counts().total(), 0, measured=len(old))
 
 
 def _interfaces(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from spec.config import TINY
 from synth import interfaces, linked, timing, whole
 from synth.budget import Late, compare, graph, late, order
 from synth.corners import CORNERS
+from synth.design import Design
 from synth.interfaces import Interface, interface_of, interfaced
 from synth.machine import TOP
 from synth.netlist import parse
@@ -136,7 +138,19 @@ def test_only_what_has_changed_is_measured_again(tmp_path: Path, monkeypatch: py
     monkeypatch.setitem(whole.CORNERS, whole.BUDGET_CORNER, where)
     found = whole.time_ports(TINY, Budget("tiny", CLOCK_PS, 0.1, "then", kept), tmp_path, progress=lambda line: None)
     assert asked == [{READER}] and found.sources == "today" and found.linked == {}
-    assert found.interfaces == {**today, COUNTERS: kept[COUNTERS]}
+    assert found.interfaces == {**today, COUNTERS: kept[COUNTERS]} and found.measured == 1
+
+
+def test_an_interface_is_stale_after_a_change_anywhere_inside(tmp_path: Path) -> None:
+    """An operator that has no interface belongs to the unit around it; a unit inside counts with its ports alone."""
+    port = "\n  wire width 4 input 1 \\a\n"
+    design = Design(TOP, {
+        "operator": f"module \\operator{port}\n  old\nend\n", READER: f"module \\{READER}{port}\n  cell \\operator \\u\nend\n",
+        TOP: f"module \\{TOP}{port}\n  cell \\{READER} \\v\nend\n"}, {
+        "operator": Counter(), READER: Counter(operator=1), TOP: Counter({READER: 1})})
+    changed = replace(design, texts={**design.texts, "operator": design.texts["operator"].replace("old", "new")})
+    before, after = ({name: interfaces.source_hash(one, name) for name in interfaced(one)} for one in (design, changed))
+    assert before[READER] != after[READER] and before[TOP] == after[TOP]
 
 
 def test_ports_in_rtlil_are_those_of_the_module() -> None:

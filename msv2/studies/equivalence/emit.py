@@ -40,7 +40,7 @@ for name in names:
 def checked_out(commit: str) -> Iterator[Path]:
     """A temporary folder with the files of a commit.
 
-        InputError: there is no such commit, or the project is not a git checkout.
+    Raises:
         InputError: there is no such commit, or the project is no git checkout.
     """
     with tempfile.TemporaryDirectory() as folder:

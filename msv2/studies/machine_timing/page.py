@@ -57,11 +57,14 @@ def _held(machine: Mapping) -> str:
 
 
 def _measured_later(machine: Mapping) -> list[str]:
-    """Which commit the stored times of ports are of, where they are of a later one than the linked run."""
+    """At which later commit the stored times of ports are of the machine's RTL, and how many are not of the linked run."""
     if "budget_commit" not in machine:
         return []
-    return [f"Commit {machine['budget_commit']}: modules that have changed since the linked run were mapped with at most "
-            f"{machine['budget_runs']} runs, and their ports measured. The endpoints above are those of the linked run."]
+    again, commit, runs = machine["budget_modules"], machine["budget_commit"], machine["budget_runs"]
+    if not again:
+        return [f"At commit {commit} the RTL of all its modules is still that of the linked run."]
+    return [f"At commit {commit} the RTL of all other modules is still that of the linked run. Since then {again} "
+            f"{'were' if again > 1 else 'was'} mapped again, with at most {runs} runs, and their ports measured."]
 
 
 def _more(shown: int, found: int) -> str:

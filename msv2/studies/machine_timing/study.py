@@ -43,6 +43,17 @@ def machine_row(found: WholeTiming, stamp: str, runs: int) -> dict[str, object]:
     return {"commit": stamp, "runs": runs, **summary(found), "budget": late_rows(found)}
 
 
+def with_ports(row: Mapping[str, object], found: WholeTiming, stamp: str, runs: int) -> dict[str, object]:
+    """A machine's part of the report with what the budget rule says today, where only the ports of some modules were measured.
+
+    `budget_commit` is the commit at which all stored times are of the machine's RTL, and `budget_modules` the number of modules
+    that were measured with at most `budget_runs` runs since the linked run.
+    """
+    before = row.get("budget_modules", 0)
+    return {**row, "budget": late_rows(found), "budget_commit": stamp, "budget_modules": before + found.measured,
+            "budget_runs": runs if found.measured else row.get("budget_runs", 0)}
+
+
 def late_rows(found: WholeTiming) -> list[dict[str, object]]:
     """What the budget rule says of a machine at the typical corner: the pairs of units that are late, the worst first."""
     return [{"start": pair.start, "end": pair.end, "excess_ps": pair.excess_ps, "inputs": pair.inputs, "way": list(pair.way)}
@@ -106,8 +117,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name in args.configs:
         if args.ports:
             found = time_ports(MACHINES[name], _budget(name), args.folder, args.jobs, _say, args.runs)
-            rows[name] = _linked_before(rows, name) | {
-                "budget": late_rows(found), "budget_commit": stamp, "budget_runs": args.runs}
+            rows[name] = with_ports(_linked_before(rows, name), found, stamp, args.runs)
         else:
             found = time_config(MACHINES[name], args.folder, args.jobs, _say, args.runs, clock_ps=CLOCK_PS, interfaces=True)
             rows[name] = machine_row(found, stamp, args.runs)

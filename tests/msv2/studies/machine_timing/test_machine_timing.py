@@ -48,10 +48,15 @@ def test_the_page_and_the_lines_say_what_was_found() -> None:
     assert "| `paper` | typical | -95.0 | 12 | 1 | 0.91 | -1.0 | 3 | 1 |" in text
     assert "| -380.0 | 12 | `geometry.writer` > `geometry` > `counters` |" in text
     assert "| 40 | `msv2_top` | `msv2_top` |" in text and "| `msv2_top` | `net` | 50.0 | 46.1 |" in text
-    assert "their ports measured" not in text
-    rows["v3"] |= {"budget": study.late_rows(_whole("v3", -190.0)), "budget_commit": "def5678", "budget_runs": 1}
+    assert "of the linked run" not in text
+    rows["v3"] = study.with_ports(rows["v3"], _whole("v3", -190.0), "def5678", 2)
     later = page({**top, "clock_ps": 1000.0, "uncertainty": 0.05, "corners": corners, "machines": rows})
-    assert "Commit def5678: modules that have changed since the linked run were mapped with at most 1 runs" in later
+    assert "At commit def5678 the RTL of all its modules is still that of the linked run.\n" in later
+    for count, commit in ((2, "abc4567"), (1, "abc5678"), (0, "abc6789")):
+        rows["v3"] = study.with_ports(rows["v3"], replace(_whole("v3", -190.0), measured=count), commit, 3 - count)
+    last = page({**top, "clock_ps": 1000.0, "uncertainty": 0.05, "corners": corners, "machines": rows})
+    assert ("At commit abc6789 the RTL of all other modules is still that of the linked run. Since then 3 were mapped again, "
+            "with at most 2 runs") in last
     printed = "\n".join(lines(_whole("paper", -95.0)))
     assert "paper, slow: slack -190.0 ps at 1000 ps with 5% uncertainty" in printed and "50 of 46 fF" in printed
 
