@@ -6,6 +6,7 @@ adds a submodule that is emitted once and instantiated by name. In Amaranth's ow
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -17,18 +18,20 @@ from amaranth.hdl import ClockSignal, Instance, Module, ResetSignal, Value
 from amaranth.lib import wiring
 
 _kept: ContextVar[dict[str, str] | None] = ContextVar("kept", default=None)
+_in_verilog: ContextVar[bool] = ContextVar("in_verilog", default=False)
 
 
 @contextmanager
-def keeping_sources() -> Iterator[dict[str, str]]:
+def keeping_sources(*, in_verilog: bool = False) -> Iterator[dict[str, str]]:
     """While it is open, RTLIL names in its attributes `src` the lines of Python that made it. Every text of `to_rtlil` is put
-    into the dictionary, by the name of the top module. Verilog stays as it is, since it has no attributes."""
+    into the dictionary, by the name of the top module. Verilog stays as it is, without attributes, unless `in_verilog`."""
     texts: dict[str, str] = {}
-    token = _kept.set(texts)
+    tokens = _kept.set(texts), _in_verilog.set(in_verilog)
     try:
         yield texts
     finally:
-        _kept.reset(token)
+        _kept.reset(tokens[0])
+        _in_verilog.reset(tokens[1])
 
 
 def sources_are_kept() -> bool:
@@ -101,6 +104,7 @@ def verilog_of(text: str, clean: str = "opt_clean") -> str:
     own are written as `_12_`: as `\\$12` they would need an escape, and Icarus takes the name of a function that begins with
     a dollar sign for a system function even so.
     """
-    script = f"read_rtlil <<rtlil\n{text}\nrtlil\nproc\n{clean}\nwrite_verilog -noattr\n"
+    plain = "" if _in_verilog.get() else " -noattr"
+    script = f"read_rtlil <<rtlil\n{text}\nrtlil\nproc\n{clean}\nwrite_verilog{plain}\n"
     found = find_yosys(lambda version: version >= (0, 40)).run(["-q", "-"], script)
-    return found[found.index("module "):]  # without Yosys' version line
+    return re.split(r"(?m)^(?=module |\(\*)", found, maxsplit=1)[1]  # without Yosys' version line

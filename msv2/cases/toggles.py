@@ -1,68 +1,28 @@
-"""Which bits of a unit change in both directions while its quick suite is played, counted by Verilator."""
+"""Which bits of a unit change in both directions, by Verilator's counts."""
 
 from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
-from functools import partial
-from pathlib import Path
+from collections.abc import Iterable, Mapping
 
-from msv2.cases.mutants.targets import Target
-from tb.common import exact
-from tb.common.player import play
-from tb.common.runner import TOGGLES
-
-_MANGLED = re.compile(r"__0([0-9A-Fa-f]{2})")
-_BENCH = "tb"
-"""The module around the unit in every testbench."""
+from msv2.cases.counts import Point
 
 Toggles = Mapping[tuple[str, str, int], bool]
 """Of every bit, by module, signal and number, whether it has changed in both directions."""
 
 
-def toggles_of(target: Target, folder: Path) -> Toggles:
-    """Plays a unit's quick suite and returns what has changed in it, but for units inside that have a target of their own.
-
-    Raises:
-        RuntimeError: the suite fails.
-    """
-    with exact.played_by(partial(play, toggles=True)):
-        outcome = target.suite.run_plan(target.config, target.plan(), folder)
-    if outcome.failures:
-        raise RuntimeError(f"{target.name}: {next(iter(outcome.failures.items()))}")
-    with open(folder / TOGGLES, errors="replace") as lines:
-        found = merged(lines)
-    return {key: both for key, both in found.items() if not any(f".{name}" in f".{key[0]}." for name in target.apart)}
-
-
-def merged(lines: Iterable[str]) -> Toggles:
-    """The bits of Verilator's counts. Only signals with names count, each once: not intermediate values, not the fields of a
-    record beside the record, and not the testbench."""
+def toggles(points: Iterable[Point]) -> Toggles:
+    """The bits of the counts. Only signals with names count, each once: not intermediate values, and not the fields of a record
+    beside the record."""
     ways: dict[tuple[str, str, int], set[str]] = defaultdict(set)
-    for module, name, bit, way, count in _points(lines):
-        if module != _BENCH and not re.search(r"\$\d|\.", name):
-            ways[module, name, bit] |= {way} if count else set()
+    for point in points:
+        if point.kind == "toggle":
+            name, _, way = point.what.rpartition(":")
+            signal, bit = re.fullmatch(r"(.*?)(?:\[(\d+)\])?", name).groups()
+            if not re.search(r"\$\d|\.", signal):
+                ways[point.module, signal, int(bit or 0)] |= {way} if point.count else set()
     return {key: len(found) == 2 for key, found in sorted(ways.items())}
-
-
-def _points(lines: Iterable[str]) -> Iterator[tuple[str, str, int, str, int]]:
-    """Module, signal, bit, direction and count of each point."""
-    for line in lines:
-        if not line.startswith("C '"):
-            continue
-        words, _, count = line[3:].rpartition("'")
-        fields = dict(part.split("\2", 1) for part in words.split("\1") if "\2" in part)
-        if fields.get("t") != "toggle":
-            continue
-        name, _, way = fields["o"].rpartition(":")
-        signal, bit = re.fullmatch(r"(.*?)(?:\[(\d+)\])?", name).groups()
-        yield fields["page"].removeprefix("v_toggle/"), _plain(signal), int(bit or 0), way, int(count)
-
-
-def _plain(name: str) -> str:
-    """A signal's name in Verilog from that in the simulator."""
-    return _MANGLED.sub(lambda code: chr(int(code[1], 16)), name.replace("___05F", "__"))
 
 
 def holes(found: Toggles) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import sys
 from collections.abc import Callable
 from functools import cache, partial
 from importlib.metadata import version
@@ -38,6 +39,15 @@ def emitted(name: str, config: AcceleratorConfig, emit: Callable[[AcceleratorCon
         scratch.write_text(text)
         scratch.replace(path)
     return path.read_text()
+
+
+def forget_emitted() -> None:
+    """Clears the caches of the benches, whose Verilog may be of the other kind: with the sources in it, or without."""
+    for name, module in list(sys.modules.items()):
+        if name.startswith("tb.") and module is not None:
+            for value in vars(module).values():
+                if callable(getattr(value, "cache_clear", None)) and getattr(value, "__module__", "").startswith("tb."):
+                    value.cache_clear()
 
 
 @cache

@@ -66,7 +66,7 @@ class Recording:
 
 def play(
     playback: Playback, runs: Sequence[Run], folder: Path, *, waves: Waves | None = None, progress: bool = False,
-    watchdog: int = 20_000, toggles: bool = False,
+    watchdog: int = 20_000, counted: bool = False,
 ) -> list[Recording]:
     """Plays `runs` in order in one simulation; all files stay in `folder`.
 
@@ -77,7 +77,7 @@ def play(
         waves: the waves to record, or None.
         progress: whether to show a progress bar.
         watchdog: a run is given up after this many cycles in which no item moves.
-        toggles: whether to count the changes of every bit, in `tb.common.runner.TOGGLES` in `folder`.
+        counted: whether to count changes of bits and ways of choices, in `tb.common.runner.COUNTS` in `folder`.
 
     Raises:
         SimulationError: the build or the simulation itself fails. Violated rules do not raise; they are in the recordings.
@@ -87,7 +87,7 @@ def play(
     report = folder / "report.json"
     report.unlink(missing_ok=True)
     simulate(
-        replace(playback.design(), toggles=toggles), "tb.common.recordings", folder, waves=waves,
+        replace(playback.design(), counted=counted), "tb.common.recordings", folder, waves=waves,
         env={"PLAYBACK_FOLDER": str(folder)}, plusargs=[f"+folder={folder}"])
     results = json.loads(report.read_text())
     return [recording_of(playback, run, result, folder / str(n))

@@ -33,8 +33,8 @@ from tb.common.wave_view import write_view
 SIM_FOLDER = BUILD / "sim"
 WAVES_FILE = "dump.fst"
 """Name of the waves in the folder of a run."""
-TOGGLES = "coverage.dat"
-"""Name of the counts of changes in the folder of a run."""
+COUNTS = "coverage.dat"
+"""Name of the counts of changes and choices in the folder of a run."""
 CLOCK_NS = 1
 """Clock period of every testbench in nanoseconds: one cycle is one nanosecond in the waves."""
 
@@ -120,7 +120,8 @@ class Design:
         apart: modules that Verilator must not inline into their parents. For the array's 256 pixel cores that compiles 2.5
             times faster and simulates no slower.
         unknown: whether what has no initial value begins with random bits (`random_start`) instead of zeros.
-        toggles: whether the simulation counts changes of every bit, and leaves them in TOGGLES in the folder of the run.
+        counted: whether the simulation counts the changes of every bit and the ways taken at every choice, and leaves the
+            counts in COUNTS in the folder of the run.
     """
 
     name: str
@@ -129,7 +130,7 @@ class Design:
     public: tuple[str, ...]
     apart: tuple[str, ...] = ()
     unknown: bool = False
-    toggles: bool = field(default=False, repr=False)  # the options of the build show it
+    counted: bool = field(default=False, repr=False)  # the options of the build show it
 
 
 def random_start(seed: int) -> tuple[str, ...]:
@@ -229,8 +230,8 @@ def _control_file(design: Design, waves: Waves | None) -> str:
 
 def _build_arguments(design: Design) -> tuple[str, ...]:
     undefined = "unique" if design.unknown else "fast"
-    toggles = ("--coverage-toggle", "--coverage-max-width", "4096") if design.toggles else ()
-    return "-O3", "--x-assign", undefined, "--x-initial", undefined, "-Wno-fatal", "-Wno-WIDTH", *toggles
+    counts = ("--coverage-toggle", "--coverage-line", "--coverage-max-width", "4096") if design.counted else ()
+    return "-O3", "--x-assign", undefined, "--x-initial", undefined, "-Wno-fatal", "-Wno-WIDTH", *counts
 
 
 def build(design: Design, waves: Waves | None = None) -> Path:

@@ -6,7 +6,6 @@ import json
 import math
 import shutil
 import signal
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from msv2.cases.mutants.mutate import Mutant
 from msv2.cases.mutants.targets import Target
 from rtl.emit import keeping_sources
 from tb.common import exact
+from tb.common.emission import forget_emitted
 from tb.common.exact import Planned
 from tb.common.playback import ERRORS, Playback
 from tb.common.player import Recording, Run, prepare, recording_of
@@ -76,7 +76,7 @@ class Verdict:
 
 def bench_of(target: Target, folder: Path) -> Bench:
     """The bench of a unit; nothing is simulated."""
-    _forget_emitted()
+    forget_emitted()
     plan = target.plan()
     with keeping_sources() as texts, exact.played_by(_capture):
         try:
@@ -89,15 +89,6 @@ def bench_of(target: Target, folder: Path) -> Bench:
 
 def _capture(playback: Playback, runs: Sequence[Run], folder: Path, *, watchdog: int, **options: object) -> list[Recording]:
     raise _Captured(playback, runs, watchdog)
-
-
-def _forget_emitted() -> None:
-    """Clears the caches of the benches, whose Verilog may have been emitted without its sources."""
-    for name, module in list(sys.modules.items()):
-        if name.startswith("tb.") and module is not None:
-            for value in vars(module).values():
-                if callable(getattr(value, "cache_clear", None)) and getattr(value, "__module__", "").startswith("tb."):
-                    value.cache_clear()
 
 
 class Player:

@@ -1,8 +1,8 @@
-"""`msv2 study run trust`: what speaks for the RTL, in one table: proofs, mutants, seeded faults, spoilt files and the soak.
+"""`msv2 study run trust`: what speaks for the RTL in one table: proofs, mutants, coverage, seeded faults, spoilt files, frames.
 
-Proofs, mutants and seeded faults come from the kept reports of their studies. Spoilt files and random frames are played
-here: as many cases as are asked for, and frames until the soak in build/trust/soak has so many cycles; both go on where they
-ended. The exit status is 1 if a file or a frame fails.
+Proofs, mutants, coverage and seeded faults come from the kept reports of their studies. Spoilt files and random frames are
+played here: as many cases as are asked for, and frames until the soak in build/trust/soak has so many cycles; both go on where
+they ended. The exit status is 1 if a file or a frame fails.
 
 examples:
   msv2 study run trust
@@ -35,7 +35,7 @@ FOLDER = BUILD / "trust"
 
 SEED = 20
 
-SOURCES = ("mutants", "formal", "stability")
+SOURCES = ("mutants", "coverage", "formal", "stability")
 """The reports that are read."""
 
 SOURCE_MUTANTS = "source_mutants"
@@ -72,6 +72,14 @@ def source_mutants() -> dict[str, Any]:
     keys = ("mutants", "judged", "by_cases", "by_tests", "no_end", "noticed")
     sums = {key: sum(part[key] for part in parts.values()) for key in keys}
     return {**sums, **made, "units": parts}
+
+
+def coverage() -> dict[str, Any]:
+    """Bits that change and ways that are taken in the quick suites, in all and by unit."""
+    report, made = _read("coverage")
+    keys = ("bits", "covered", "ways", "taken", "lines", "whole")
+    return {**{key: report[key] for key in keys}, **made,
+            "units": {row["unit"]: {key: row[key] for key in keys} for row in report["rows"]}}
 
 
 def formal() -> dict[str, Any]:
@@ -118,7 +126,8 @@ def _written(path: Path) -> str:
 
 def pages(found: Mapping[str, Mapping[str, Any]]) -> str:
     """The page of the report."""
-    mutant, claim, fault, file, frame = (found[name] for name in ("mutants", "formal", "faults", "fuzz", "soak"))
+    mutant, seen, claim, fault, file, frame = (
+        found[name] for name in ("mutants", "coverage", "formal", "faults", "fuzz", "soak"))
     source = found.get(SOURCE_MUTANTS, {"units": {}})
     lines = [
         ("mutants of units that the quick suites kill",
@@ -126,6 +135,8 @@ def pages(found: Mapping[str, Mapping[str, Any]]) -> str:
         *((f"mutants of Python in {name} that cases or quick tests notice",
            f"{part['noticed']} of {part['judged']} ({100 * part['share']:.1f} %); goal 95 %", source)
           for name, part in source["units"].items()),
+        ("bits of units that rise and fall in the quick suites", _part(seen["covered"], seen["bits"]), seen),
+        ("values of selects and cases that the quick suites take", _part(seen["taken"], seen["ways"]), seen),
         ("claims proven for all inputs",
          f"{claim['proven']}; {claim['open']} open, {claim['fails'] + claim['empty']} fail", claim),
         ("seeded faults caught", f"{fault['caught']} of {fault['seeded']}", fault),
@@ -144,6 +155,10 @@ def pages(found: Mapping[str, Mapping[str, Any]]) -> str:
     left = f"\n\nNot judged: {', '.join(mutant['missing'])}." if mutant["missing"] else ""
     return (f"{HEAD}\n{head}\n\n![share of the killed mutants by unit](trust.png)\n\n## Mutants\n\n{units}{left}\n\n"
             f"## Random frames\n\n{frames}\n\nHow the frames ended: {ends}.\n\n## Claims\n\n{claims}")
+
+
+def _part(part: int, whole: int) -> str:
+    return f"{part:,} of {whole:,} ({100 * part / max(whole, 1):.1f} %)"
 
 
 def picture(found: Mapping[str, Mapping[str, Any]], path: Path) -> bool:
@@ -181,7 +196,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line: writes trust.json, the page trust.md and the picture trust.png."""
     args = _arguments(argv)
     sources = [REPORTS / f"{name}.json" for name in (*SOURCES, SOURCE_MUTANTS)]
-    found = {"mutants": mutants(), "formal": formal(), "faults": faults(), "fuzz": fuzzed(args.cases),
+    found = {"mutants": mutants(), "coverage": coverage(), "formal": formal(), "faults": faults(), "fuzz": fuzzed(args.cases),
              "soak": soaked(round(args.cycles))}
     if sources[-1].exists():
         found[SOURCE_MUTANTS] = source_mutants()

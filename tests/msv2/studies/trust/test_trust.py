@@ -15,6 +15,8 @@ MUTANTS = {"drawn": 12, "equal": 2, "judged": 10, "killed": 9, "share": 0.9, "mi
 SOURCE_MUTANTS = {"provenance": PROVENANCE, "parts": {"spec": {
     "mutants": 5, "equal": 1, "judged": 4, "by_cases": 2, "by_tests": 1, "no_end": 0, "noticed": 3, "share": 0.75,
     "rows": []}}}
+COVERED = {"bits": 2000, "covered": 1900, "ways": 8, "taken": 7, "lines": 3, "whole": 2}
+COVERAGE = {**COVERED, "rows": [{"unit": "a", **COVERED, "holes": []}], "provenance": PROVENANCE}
 FORMAL = {"proven": 2, "open": 1, "fails": 0, "empty": 0, "rows": [
     {"unit": "Buffer", "claims": [{"result": "proven"}, {"result": "open"}]},
     {"unit": "Buffer", "claims": [{"result": "proven"}]}], "provenance": PROVENANCE}
@@ -27,7 +29,8 @@ def folders(tmp_path, monkeypatch):
     reports = tmp_path / "reports"
     reports.mkdir()
     for name, content in (
-            ("mutants", MUTANTS), ("source_mutants", SOURCE_MUTANTS), ("formal", FORMAL), ("stability", STABILITY)):
+            ("mutants", MUTANTS), ("source_mutants", SOURCE_MUTANTS), ("coverage", COVERAGE), ("formal", FORMAL),
+            ("stability", STABILITY)):
         (reports / f"{name}.json").write_text(json.dumps(content))
     monkeypatch.setattr(study, "REPORTS", reports)
     monkeypatch.setattr(study, "FOLDER", tmp_path / "trust")
@@ -63,6 +66,7 @@ def test_the_report_has_every_part_with_its_command(folders, monkeypatch, differ
     assert (report["fuzz"]["cases"], report["fuzz"]["failures"]) == (3, 0)
     assert (report["soak"]["cycles"], report["soak"]["differences"]) == (105, len(differences))
     assert all({"command", "date", "units"} <= set(report[part]) for part in report if part != "provenance")
+    assert report["coverage"]["units"] == {"a": COVERED} and "1,900 of 2,000 (95.0 %)" in page and "7 of 8 (87.5 %)" in page
     assert "9 of 10 (90.0 %)" in page
     assert "| mutants of Python in spec that cases or quick tests notice | 3 of 4 (75.0 %); goal 95 % |" in page
     assert "Not judged: b." in page and "4 abort, 12 good" in page
