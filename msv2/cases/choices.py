@@ -20,6 +20,7 @@ _SOURCE = re.compile(r'\(\* src = "([^"]*?):(\d+)[^"]*" \*\)\s*')
 _BEFORE = re.compile(r"^(?:assign \\?\S+ *(?:\[[^]]*\] *)?= |(?:else )?if \()")
 _AFTER = re.compile(r"(?: \? .*|\)|:)$")
 _UNNAMED = re.compile(r"_\d+_")
+
 LONGEST = 60
 """Letters of a condition that are shown."""
 

@@ -16,8 +16,8 @@ from tb.common.player import Recording, Run, play
 from tb.common.runner import COUNTS
 
 _MANGLED = re.compile(r"__0([0-9A-Fa-f]{2})")
-_BENCH = "tb"
-"""The module around the unit in every testbench."""
+_BENCH = re.compile(r"(?:.*\.)?(?:tb|memory_model|beat_memory|\w+_(?:bench|device|with_memory))")
+"""Modules of testbenches: the one around everything, memories, and what holds a unit with its surroundings."""
 
 
 @dataclass(frozen=True)
@@ -68,17 +68,17 @@ def counted(target: Target, folder: Path) -> tuple[list[Point], str]:
 
 
 def points(lines: Iterable[str]) -> Iterator[Point]:
-    """What Verilator's file says, but for the testbench."""
+    """What Verilator's file says of modules that are not the testbench's."""
     for line in lines:
         if not line.startswith("C '"):
             continue
         words, _, count = line[3:].rpartition("'")
         fields = dict(part.split("\2", 1) for part in words.split("\1") if "\2" in part)
         module = fields["page"].partition("/")[2]
-        if module != _BENCH:
-            yield Point(fields["t"], module, int(fields["l"]), int(fields["n"]), plain(fields["o"]), int(count))
+        if not _BENCH.fullmatch(module):
+            yield Point(fields["t"], module, int(fields["l"]), int(fields["n"]), _plain(fields["o"]), int(count))
 
 
-def plain(name: str) -> str:
+def _plain(name: str) -> str:
     """A name in Verilog from that in the simulator."""
     return _MANGLED.sub(lambda code: chr(int(code[1], 16)), name.replace("___05F", "__"))

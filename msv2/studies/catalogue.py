@@ -113,7 +113,7 @@ STUDIES = (
     Study("combinations", "msv2.studies.overlap.combinations",
           "small machines in every combination of streams, packed frames, overlap and eyes, through the RTL",
           (Report("--keep", ("combinations.json",), 10),)),
-    Study("coverage", "msv2.studies.coverage.study", "which bits of the units change in their quick suites",
+    Study("coverage", "msv2.studies.coverage.study", "which bits change and which ways are taken in the units' quick suites",
           (Report("--keep", _files("coverage", "json", "md"), 15),)),
     Study("culling_area", "msv2.studies.area.culling", "one culling pipeline against several that share operators",
           (Report("--keep", ("culling_area.json",), 15, PDK),)),

@@ -63,8 +63,9 @@ def _measured_later(machine: Mapping) -> list[str]:
     again, commit, runs = machine["budget_modules"], machine["budget_commit"], machine["budget_runs"]
     if not again:
         return [f"At commit {commit} the RTL of all its modules is still that of the linked run."]
-    return [f"At commit {commit} the RTL of all other modules is still that of the linked run. Since then {again} "
-            f"{'were' if again > 1 else 'was'} mapped again, with at most {runs} runs, and their ports measured."]
+    modules = "1 module was" if again == 1 else f"{again} modules were"
+    return [f"Since the linked run, {modules} mapped again, with at most {runs} runs, and measured. At commit {commit} the RTL "
+            "of all others is still that of the linked run."]
 
 
 def _more(shown: int, found: int) -> str:

@@ -25,7 +25,8 @@ LINES = ["# SystemC::Coverage-3\n", *(point(*each) for each in (
     ("unit", "sums[2]:0->1", 0), ("unit", "sums[2]:1->0", 0), ("unit", "sums[4]:0->1", 0), ("unit", "valid:0->1", 1),
     ("unit", "valid:1->0", 1), ("unit", "__02412[0]:0->1", 0), ("unit", "item___05Fpayload__02ecount[1]:0->1", 0),
     ("unit", "item___05Fpayload[1]:0->1", 1), ("unit", "item___05Fpayload[1]:1->0", 0), ("unit.inner", "__024like[3]:0->1", 0),
-    ("tb", "over:0->1", 0))), point("unit", "sums[5]:0->1", 0, "line")]
+    ("tb", "over:0->1", 0), ("x_bench", "over:0->1", 0), ("x_bench.memory_model", "over:0->1", 0))),
+    point("unit", "sums[5]:0->1", 0, "line")]
 
 
 def test_a_bit_is_covered_that_rises_and_falls():
@@ -99,7 +100,7 @@ def test_a_unit_by_itself(tmp_path: Path):
     assert all(found[key] for key in found if key[1] in ("sink__valid", "sink__ready", "source__valid", "source__ready"))
     ways = choices.ways(counts, verilog)
     assert {way.way for way in ways} >= {"true", "false"} and sum(way.taken for way in ways) > 0.8 * len(ways) > 10
-    assert any(way.condition == "rst" for way in ways)
+    assert any(way.condition == "rst" for way in ways) and any(way.source.startswith("rtl/") for way in ways)
 
 
 def test_the_page_has_every_unit_and_hole():

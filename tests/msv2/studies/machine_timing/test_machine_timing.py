@@ -55,8 +55,8 @@ def test_the_page_and_the_lines_say_what_was_found() -> None:
     for count, commit in ((2, "abc4567"), (1, "abc5678"), (0, "abc6789")):
         rows["v3"] = study.with_ports(rows["v3"], replace(_whole("v3", -190.0), measured=count), commit, 3 - count)
     last = page({**top, "clock_ps": 1000.0, "uncertainty": 0.05, "corners": corners, "machines": rows})
-    assert ("At commit abc6789 the RTL of all other modules is still that of the linked run. Since then 3 were mapped again, "
-            "with at most 2 runs") in last
+    assert ("Since the linked run, 3 modules were mapped again, with at most 2 runs, and measured. At commit abc6789 the RTL "
+            "of all others is still that of the linked run.") in last
     printed = "\n".join(lines(_whole("paper", -95.0)))
     assert "paper, slow: slack -190.0 ps at 1000 ps with 5% uncertainty" in printed and "50 of 46 fF" in printed
 
